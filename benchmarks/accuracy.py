@@ -5,9 +5,9 @@
 `usual`: 200 strikes against searches with converged settings; angles must agree within 0.02°. `odd`: 300 strikes far
 outside the usual range against scans, a fine trajectory every 0.5°; the status must agree, and each change of outcome
 lie in its cell of the scan. `walls`: 200 usual strikes on walls of 0.5 to 5 diameters against such scans; the outcome
-at each angle must be that of its interval. `routes`: 3,000 strikes of every kind by both numerical methods, see
-`validation/routes.py`. Disagreements are printed with inputs and warnings. Exits with 1 if a case fails, if status or
-angle of a usual strike disagree, if more than 1 % of the others disagree or one of them without a warning, if the
+at each angle must match the interval in the answer. `routes`: 3,000 strikes of every kind by both numerical methods,
+see `validation/routes.py`. Disagreements are printed with inputs and warnings. Exits with 1 if a case fails, if status
+or angle of a usual strike disagree, if more than 1 % of the others disagree or one of them without a warning, if the
 methods differ for no known reason, or if a combination did not occur.
 """
 
@@ -63,7 +63,7 @@ class Comparison:
     doubts: list[str]
     """Warnings of the search that are in `DOUBTS`."""
     wrong_deg: list[float] | None = None
-    """Angles of the scan at which the outcome differs from that of the interval in the answer. [°]"""
+    """Angles of the scan at which the outcome differs from the interval in the answer. [°]"""
     confirmed: bool | None = None
     """True if a fine trajectory 0.02° above the angle is a ricochet, and one 0.04° below it is not."""
     cpu_s: float
@@ -94,7 +94,7 @@ class Comparison:
 
 
 def compare_usual(numbered: tuple[int, Case]) -> Comparison:
-    """Compare the answer with that of a search with converged settings."""
+    """Compare the answer with a search that uses converged settings."""
     number, case = numbered
     found, _ = _timed(number, case)
     try:

@@ -3,7 +3,7 @@
     python benchmarks/hostile.py [--requests 2000] [--seed 1]
 
 Three quarters of the requests have a hostile body, made from the example of a route in the contract (so that new
-routes are covered) by a change of some kind at a random place, as long as the route accepts. The others have a
+routes are covered) by a change of some kind at a random place; it is as long as the route accepts. The others have a
 hostile header: one that a route declares, or one that the code around the routes reads. Each is sent on a new
 connection, and after each the service reports how long its event loop was blocked meanwhile: in wall time,
 and in processor time of its thread, which other processes on the machine do not affect.
@@ -42,7 +42,7 @@ TICK_SECONDS = 0.001
 PATIENCE_SECONDS = 30.0
 """Time after which a service that does not report its blocked time is killed and started again. [s]"""
 SHORT, LONG = 100 * 1024, 1_900_000
-"""Lengths within the limits on the body of a single request and on that of a batch. [bytes]"""
+"""Lengths within the limits on the bodies of single requests and of batches. [bytes]"""
 HEADERS = {
     *("accept", "accept-encoding", "access-control-request-headers", "access-control-request-method", "authorization"),
     *("connection", "content-encoding", "content-length", "content-type", "cookie", "expect", "forwarded", "host"),

@@ -2,15 +2,15 @@
 
     python benchmarks/http_load.py [--cases 20000 2000] [--quick]
 
-1. Throughput of a batch of JSON lines, as a fraction of that of a bare process pool. The pool runs `solver` in as many
-   processes as the service has workers. It solves the same cases before and after the batch.
+1. Throughput of a batch of JSON lines, as a fraction of the throughput of a bare process pool. The pool runs `solver`
+   in as many processes as the service has workers. It solves the same cases before and after the batch.
 2. Time of a case of the same batch from the cache, and CPU time of the server, without its workers, for a new case and
    for a cached one.
 3. Requests to a cached `/cra` that are answered in a second, compared with an empty FastAPI route under uvicorn.
 4. Longest time of `/livez` during the batches. A process polls it every 20 ms all the time, so that bare pool and batch
    share the cores with it equally.
 
-Client, service and workers share this machine. The cases are those of a study of one projectile. They are cheaper than
+Client, service and workers share this machine. The cases are from a study of one projectile. They are cheaper than
 random ones, so that the overhead of the service is a larger part. Exits with 1 if the angles of pool, batch and cache
 differ. Takes about ten minutes; `--quick` uses 200 cases.
 """

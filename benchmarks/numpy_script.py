@@ -1,4 +1,4 @@
-"""The method of the source paper in plain NumPy, as a user would write it for a single strike, as a reference.
+"""The method of the source paper in plain NumPy, as a user would write it for a single strike; used as a reference.
 
 12,000 panels over the whole surface, the classical Runge-Kutta scheme with steps of 0.01 ms for 5 ms, and the secant
 search of eq. 8 from 40° and 60° to 1 %. It has no events and does not stop early. SI units; angles of

@@ -9,9 +9,9 @@ load end with a pause, in which memory (without mapped files) and open files are
 
 Every answer to a case must be the same for every reader, at any time and in any format. At the end every job is read
 once more, a sample is computed by the solver, and `ricochet cache verify` reads the files. Exits with 1 if anything was
-wrong or if, after at least `JUDGED_MINUTES`, memory grew by more than 10 %: the median of the last third of the rounds
-over that of the first. A single round may end while the C library still holds memory of a download or a chunk, which is
-not growth; the largest round is printed as well. Needs Linux (/proc).
+wrong or if, after at least `JUDGED_MINUTES`, memory grew by more than 10 % from the median of the first third of the
+rounds to the median of the last third. A single round may end while the C library still holds memory of a download or a
+chunk, which is not growth; the largest round is printed as well. Needs Linux (/proc).
 """
 
 import argparse
@@ -314,7 +314,7 @@ def footprint(data: Path, server: int) -> tuple[float, float, int]:
 
 
 def disturb(server: Server, data: Path, choice: random.Random, record: Record, kind: str) -> None:
-    """Disturb the service in one of the ways of `DISTURBANCES`, and start it again if that has ended it."""
+    """Disturb the service in one of the ways in `DISTURBANCES`, and restart it if it has ended."""
     record.counts[kind] += 1
     if kind == "worker killed":
         parents = processes_of(data)
@@ -417,7 +417,7 @@ def run(folder: Path, minutes: float, record: Record) -> list[tuple[float, float
 
 
 def growth(sizes: list[float]) -> float:
-    """Median of the last third over that of the first third, less 1. [1]"""
+    """Relative growth from the median of the first third to the median of the last third. [1]"""
     third = max(1, len(sizes) // 3)
     return statistics.median(sizes[-third:]) / statistics.median(sizes[:third]) - 1.0
 

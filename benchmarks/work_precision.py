@@ -3,8 +3,8 @@
     python benchmarks/work_precision.py [--quick]
 
 With every setting, the critical angle of the paper's strike is searched by outcome over the default range, to a bracket
-far narrower than the errors, so that times and errors are those of the method. The reference is finer than any setting.
-Takes about five minutes; `--quick` uses a few fast settings.
+far narrower than the errors, so that times and errors depend only on the method. The reference is finer than any
+setting. Takes about five minutes; `--quick` uses a few fast settings.
 """
 
 import argparse

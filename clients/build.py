@@ -2,7 +2,7 @@
 
     python clients/build.py [--output dist] [--only python|typescript]
 
-The npm package needs Node.js 20 and a registry; without npm there is only the wheel.
+The npm package needs Node.js 20 and an npm registry; without npm only the wheel is built.
 """
 
 import argparse
@@ -19,8 +19,8 @@ CONTRACT = HERE.parent / "openapi" / "openapi.json"
 
 
 def run(command: list[str], folder: Path, **environment: str) -> None:
-    """Run a command in a folder; what it prints is shown if it fails."""
-    scripts = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # ruff is there, which formats
+    """Run a command in a folder; if it fails, exit with its output."""
+    scripts = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # The generator calls ruff.
     variables = os.environ | {"PATH": scripts} | environment
     done = subprocess.run(command, cwd=folder, env=variables, capture_output=True, text=True, check=False)
     if done.returncode:
@@ -37,7 +37,7 @@ def build_wheel(folder: Path, output: Path, version: str) -> None:
 
 
 def build_package(folder: Path, output: Path, version: str) -> None:
-    """Make the types, compile and pack the npm package into `output`."""
+    """Generate the types, compile the npm package and pack it into `output`."""
     shutil.copytree(HERE / "typescript", folder)
     shutil.copy(CONTRACT, folder / "contract.json")
     described = json.loads((folder / "package.json").read_text(encoding="utf-8"))
@@ -49,14 +49,16 @@ def build_package(folder: Path, output: Path, version: str) -> None:
 
 
 def main() -> None:
-    """Build what can be built here."""
+    """Build the requested clients for which the tools are installed."""
     parser = argparse.ArgumentParser(description="Build the clients from the contract.")
     parser.add_argument("--output", type=Path, default=Path("dist"))
     parser.add_argument("--only", choices=["python", "typescript"])
     options = parser.parse_args()
     output = options.output.resolve()
     output.mkdir(parents=True, exist_ok=True)
-    version = json.loads(CONTRACT.read_text(encoding="utf-8"))["info"]["version"] + ".0.0"  # npm wants three numbers
+    version = (
+        json.loads(CONTRACT.read_text(encoding="utf-8"))["info"]["version"] + ".0.0"
+    )  # npm requires three numbers.
     with tempfile.TemporaryDirectory() as folder:
         if options.only != "typescript":
             build_wheel(Path(folder) / "python", output, version)

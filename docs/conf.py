@@ -1,4 +1,4 @@
-"""Configuration of Sphinx for the manual: `make docs` builds it into build/manual."""
+"""Sphinx configuration of the manual, which `make docs` builds into build/manual."""
 
 import sys
 from pathlib import Path
@@ -21,7 +21,7 @@ project_copyright = author
 version = release = VERSION
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 exclude_patterns: list[str] = []
-default_role = "py:obj"  # single backticks in docstrings
+default_role = "py:obj"  # Role of single backticks in docstrings.
 
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 4
@@ -41,20 +41,20 @@ html_static_path = ["_static"]
 html_css_files = ["manual.css"]
 html_show_sourcelink = False
 html_copy_source = False
-html_show_search_summary = False  # the summary fetches every page found, which browsers refuse for file: addresses
+html_show_search_summary = False  # Summaries would fetch pages, which browsers refuse for file: URLs.
 html_theme_options: dict[str, Any] = {"top_of_page_buttons": []}
 html_math_renderer = "mathml"
 math_eqref_format = "({number})"
 
 
 def visit_inline(translator: Any, node: nodes.math) -> None:
-    """Write an inline formula as MathML, which browsers draw themselves."""
+    """Write an inline formula as MathML, which browsers render without a script."""
     translator.body.append(tex2mathml(node.astext()))
     raise nodes.SkipNode
 
 
 def visit_block(translator: Any, node: nodes.math_block) -> None:
-    """Write a formula as MathML, with its number if it has a label."""
+    """Write a displayed formula as MathML, with its number if it has a label."""
     translator.body.append(translator.starttag(node, "div", CLASS="math"))
     if node["number"]:
         translator.body.append(f'<span class="eqno">({get_node_equation_number(translator, node)})')
@@ -66,7 +66,7 @@ def visit_block(translator: Any, node: nodes.math_block) -> None:
 
 
 def setup(app: Sphinx) -> None:
-    """Connect the text and the figures that the build makes."""
+    """Register the formula renderers, the figures and the generated text."""
     app.add_html_math_renderer("mathml", inline_renderers=(visit_inline, None), block_renderers=(visit_block, None))
     app.connect("builder-inited", lambda _: manual.draw_all())
     app.connect("source-read", lambda _app, _name, source: source.__setitem__(0, generated.filled(source[0])))

@@ -152,7 +152,7 @@ def first_example(schema: dict[str, Any], schemas: dict[str, Any]) -> Any:
 
 
 def prose(text: str) -> str:
-    """Escape a text of the contract for Markdown, where brackets around units would look like links."""
+    """Escape a text of the contract for Markdown, in which brackets around units would look like links."""
     return text.replace("<", "\\<").replace("[", "\\[")
 
 
@@ -162,7 +162,7 @@ def cell(text: str | None) -> str:
 
 
 def table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
-    """Return a table of Markdown."""
+    """Return a Markdown table."""
     return "\n".join("| " + " | ".join(line) + " |" for line in (head, ("---",) * len(head), *rows))
 
 
@@ -215,7 +215,7 @@ def _codes_in(source: str) -> set[str]:
 
 
 def terms() -> str:
-    """Return the critical angles with one input or law changed at a time, as tables of Markdown."""
+    """Return the critical angles with one input or law changed at a time, as Markdown tables."""
     texts = []
     for group, angles in manual.terms().items():
         rows = [(label, f"{angle:.1f}") for label, angle in angles.items()]

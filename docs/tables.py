@@ -43,7 +43,7 @@ def metrics_table() -> str:
     rows = []
     for family in Metrics().registry.collect():
         name = family.name + {"counter": "_total", "info": "_info"}.get(family.type, "")
-        # A family without samples has no labels to read, so LABELS lists them. The build info always has a sample.
+        # LABELS lists the labels of families without samples; the build info always has a sample.
         labels = LABELS.get(family.name) or next(
             (tuple(sample.labels) for sample in family.samples if sample.labels), ()
         )
@@ -56,7 +56,7 @@ TABLES = {"settings": settings_table, "metrics": metrics_table}
 
 
 def default(name: str, field: FieldInfo) -> str:
-    """Return the default of a setting; sizes in bytes are followed by a larger unit."""
+    """Return the default of a setting; sizes in bytes are repeated in a larger unit."""
     if field.default_factory is not None:
         return (field.default_factory.__doc__ or "").strip().rstrip(".").lower()
     value = field.default
@@ -73,7 +73,7 @@ def default(name: str, field: FieldInfo) -> str:
 
 
 def described(field: FieldInfo) -> str:
-    """Return the description of a setting. The unit of pure numbers is left out: it looks like a note."""
+    """Return the description of a setting, without the unit [1] of pure numbers, which looks like a footnote."""
     return " ".join((field.description or "").replace("[1]", "").split())
 
 
@@ -93,13 +93,13 @@ def bounds(field: FieldInfo) -> str:
 
 
 def table(head: tuple[str, ...], rows: list[Any]) -> str:
-    """Return a table of Markdown."""
+    """Return a Markdown table."""
     lines = [head, ("---",) * len(head), *rows]
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
 
 
 def filled(page: str) -> str:
-    """Return the page with its tables generated again."""
+    """Return the page with newly generated tables."""
     for name, make in TABLES.items():
         place = re.compile(rf"(<!-- table: {name} -->\n).*?(<!-- end of table -->)", re.DOTALL)
         if len(place.findall(page)) != 1:

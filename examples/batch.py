@@ -1,6 +1,6 @@
 """Ask a running service for a table of critical ricochet angles: a sweep over speed and concrete, followed as a job.
 
-Start the service with `make serve`, then `.venv/bin/python examples/batch.py`, with its address if that is another.
+Start the service with `make serve`, then run `.venv/bin/python examples/batch.py [ADDRESS]`.
 """
 
 import json
@@ -25,7 +25,7 @@ VELOCITIES_M_S = [240.0, 280.0, 320.0, 360.0, 400.0]
 STRENGTHS_PA = [25e6, 40e6, 60e6, 90e6]
 SWEEP = {
     "base": BASE,
-    "axes": [  # the last axis is the fastest: a row of the table after the other
+    "axes": [  # The last axis varies fastest, so the results come row by row of the table.
         {"field": "impact.velocity_m_s", "values": VELOCITIES_M_S},
         {"field": "target.compressive_strength_pa", "values": STRENGTHS_PA},
     ],
@@ -33,14 +33,14 @@ SWEEP = {
 
 
 def submit(client: httpx.Client) -> dict[str, Any]:
-    """Hand in the sweep to be computed as a job; so little work would otherwise be answered at once."""
+    """Submit the sweep as a job. Without `Prefer`, so little work would be answered at once."""
     response = client.post("/cra/sweep", json=SWEEP, headers={"Prefer": "respond-async"})
     job: dict[str, Any] = checked(response).json()
     return job
 
 
 def checked(response: httpx.Response) -> httpx.Response:
-    """Response, unless it is a problem: then the program ends with what the service says of it."""
+    """Return the response; if it is a problem, end the program with its title and detail."""
     if response.is_error:
         problem = response.json()
         sys.exit(f"{problem['title']}: {problem['detail']}")
@@ -48,7 +48,7 @@ def checked(response: httpx.Response) -> httpx.Response:
 
 
 def states(client: httpx.Client, job: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """Every state of the job until it ends, from its server-sent events."""
+    """Yield every state of the job until it ends, from its server-sent events."""
     with client.stream("GET", job["links"]["events"]) as events:
         for line in events.raise_for_status().iter_lines():
             if line.startswith("data: "):
@@ -56,7 +56,7 @@ def states(client: httpx.Client, job: dict[str, Any]) -> Iterator[dict[str, Any]
 
 
 def results(client: httpx.Client, job: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """Every result in the order of the sweep, page by page."""
+    """Yield the results in the order of the sweep, requested page by page."""
     query: dict[str, str] | None = {}
     while query is not None:
         page = checked(client.get(job["links"]["results"], params=query)).json()
@@ -65,7 +65,7 @@ def results(client: httpx.Client, job: dict[str, Any]) -> Iterator[dict[str, Any
 
 
 def described(item: dict[str, Any]) -> str:
-    """Cell of the table: the angle, or why there is none."""
+    """Return the text of a cell: the angle, or the reason why there is none."""
     if "problem" in item:
         return str(item["problem"]["title"])
     answer = item["result"]
@@ -73,7 +73,7 @@ def described(item: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    """Submit, follow, print."""
+    """Submit the sweep, follow its job and print the table."""
     address = sys.argv[1] if len(sys.argv) > 1 else ADDRESS
     with httpx.Client(base_url=address, timeout=60.0) as client:
         try:

@@ -1,7 +1,7 @@
-"""Strength factor from depth tests as a distribution, by emcee (`pip install emcee`); no service is needed.
+"""Sample the distribution of the strength factor from depth tests with emcee (`pip install emcee`), without a service.
 
-The tests are those of the source paper's Table 1, into concrete of 39 MPa at normal impact. How far they scatter about
-the model is not known: it is sampled too.
+The tests are from Table 1 of the source paper: normal impact on concrete of 39 MPa. The scatter of the depths about the
+model is unknown and therefore sampled too.
 """
 
 import emcee
@@ -20,9 +20,9 @@ WALKERS, STEPS, DISCARDED = 12, 300, 100
 
 
 def log_posterior(parameters: FloatArray) -> float:
-    """Logarithm of the posterior density, up to a constant, of ln S and the logarithm of the scatter in metres."""
+    """Return the logarithm of the posterior density of ln S and ln(scatter in metres), up to a constant."""
     strength_factor, scatter = np.exp(parameters)
-    if not (1.0 < strength_factor < 100.0 and 0.001 < scatter < 0.1):  # the prior is uniform in the logarithms
+    if not (1.0 < strength_factor < 100.0 and 0.001 < scatter < 0.1):  # The prior is uniform in the logarithms.
         return -np.inf
     depths = penetration_depths(
         projectile=PROJECTILE,
@@ -36,10 +36,10 @@ def log_posterior(parameters: FloatArray) -> float:
 
 
 def main() -> None:
-    """Sample, print."""
+    """Sample the posterior and print its quantiles."""
     start = np.log([8.0, 0.03]) + 0.1 * np.random.default_rng(7).standard_normal((WALKERS, 2))
     sampler = emcee.EnsembleSampler(WALKERS, 2, log_posterior)
-    sampler.random_state = np.random.RandomState(7).get_state()  # the same at every run
+    sampler.random_state = np.random.RandomState(7).get_state()  # Every run draws the same samples.
     sampler.run_mcmc(start, STEPS)
     samples = np.exp(sampler.get_chain(discard=DISCARDED, flat=True))
     for name, column, unit in (("S", samples[:, 0], "1"), ("scatter", 1e3 * samples[:, 1], "mm")):

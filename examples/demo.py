@@ -1,7 +1,7 @@
-"""Request the critical ricochet angle of the source paper's case from a fresh service, once computed and once cached.
+"""Request the critical angle and two trajectories of the source paper's case from a new service, each of them twice.
 
 Starts the service on a free port with an empty data folder, sends the requests, prints the answers and stops it. The
-exit status is 0 if the angle is the expected one and every answer came as it should.
+exit status is 0 if angle and outcomes are as expected, and only the repeated requests were answered from the cache.
 """
 
 import os
@@ -19,8 +19,8 @@ from typing import Any
 import httpx
 
 EXPECTED_DEG, TOLERANCE_DEG = 48.63, 0.02
-START_LIMIT_S = 1300.0  # the first start on a machine compiles the solver, many minutes on a slow or busy one
-COMPILING_AFTER_S = 4.0  # a start that has nothing to compile is over by then
+START_LIMIT_S = 1300.0  # The first start on a machine compiles the solver, which may take many minutes.
+COMPILING_AFTER_S = 4.0  # A start without compilation takes less time.
 STOP_LIMIT_S = 20.0
 
 PROJECTILE = {
@@ -34,11 +34,11 @@ VELOCITY_M_S = 238.0
 
 
 class DemoError(Exception):
-    """The demonstration did not go as it should."""
+    """The demonstration failed."""
 
 
 def free_port() -> int:
-    """Port that nothing listens on at this moment."""
+    """Return a port on which no process listens at present."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
@@ -46,7 +46,7 @@ def free_port() -> int:
 
 
 def wait_until_ready(client: httpx.Client, process: subprocess.Popen[bytes]) -> float:
-    """Poll /readyz, showing how much of the solver is compiled; return the seconds it took."""
+    """Poll /readyz and show how much of the solver is compiled; return the time until the service is ready. [s]"""
     begin = time.monotonic()
     shown = ""
     while (elapsed := time.monotonic() - begin) < START_LIMIT_S:
@@ -56,7 +56,7 @@ def wait_until_ready(client: httpx.Client, process: subprocess.Popen[bytes]) -> 
             if client.get("/readyz").status_code == httpx.codes.OK:
                 return elapsed
         except httpx.TransportError:
-            pass  # not listening yet
+            pass  # The service is not listening yet.
         if elapsed > COMPILING_AFTER_S:
             from solver.compilation import compilation_progress  # noqa: PLC0415 (takes a second, and is seldom needed)
 
@@ -70,7 +70,7 @@ def wait_until_ready(client: httpx.Client, process: subprocess.Popen[bytes]) -> 
 
 @contextmanager
 def service(log: Path, data: Path) -> Iterator[httpx.Client]:
-    """Run the service and hand out a client of it."""
+    """Run the service during the block, and yield a client."""
     port = free_port()
     environment = os.environ | {
         "RICOCHET_HOST": "127.0.0.1",
@@ -99,7 +99,7 @@ def service(log: Path, data: Path) -> Iterator[httpx.Client]:
 
 
 def post(client: httpx.Client, path: str, body: dict[str, Any], *, cached: bool) -> tuple[dict[str, Any], float]:
-    """Answer to `body` and the milliseconds it took; it must come from the cache or not, as given."""
+    """Return the answer to a request and its time [ms]; check whether it came from the cache, as `cached` tells."""
     begin = time.perf_counter()
     response = client.post(path, json=body)
     elapsed = (time.perf_counter() - begin) * 1e3
@@ -112,7 +112,7 @@ def post(client: httpx.Client, path: str, body: dict[str, Any], *, cached: bool)
 
 
 def ask_critical_angle(client: httpx.Client) -> float:
-    """Print the search for the critical angle and return what it found."""
+    """Print the search for the critical angle; return the angle. [°]"""
     body = {"projectile": PROJECTILE, "target": TARGET, "impact": {"velocity_m_s": VELOCITY_M_S}}
     answer, computed = post(client, "/cra", body, cached=False)
     again, cached = post(client, "/cra", body, cached=True)
@@ -130,7 +130,7 @@ def ask_critical_angle(client: httpx.Client) -> float:
 
 
 def ask_trajectory(client: httpx.Client, oblique_angle_deg: float) -> str:
-    """Print one trajectory and return its outcome."""
+    """Print one trajectory; return its outcome."""
     impact = {"velocity_m_s": VELOCITY_M_S, "oblique_angle_deg": oblique_angle_deg}
     body = {"projectile": PROJECTILE, "target": TARGET, "impact": impact}
     answer, computed = post(client, "/trajectory", body, cached=False)
@@ -145,7 +145,7 @@ def ask_trajectory(client: httpx.Client, oblique_angle_deg: float) -> str:
 
 
 def main() -> int:
-    """Run the demonstration; 0 if all is as expected."""
+    """Run the demonstration; return 0 if everything is as expected."""
     with tempfile.TemporaryDirectory(prefix="ricochet-") as folder:
         log = Path(folder) / "service.log"
         try:

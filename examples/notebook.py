@@ -1,8 +1,8 @@
 # %% [markdown]
-# # One strike, from its motion to how sure its critical angle is
+# # One strike: its motion, its critical angle and the uncertainty of that angle
 #
-# A rigid projectile of 80 × 530 mm and 13 kg strikes concrete of 39 MPa. The cells (`# %%`) run one by one in any
-# editor that knows them, or all at once: `.venv/bin/python examples/notebook.py`. It needs what `make demo` installs.
+# A rigid projectile of 80 × 530 mm and 13 kg strikes concrete of 39 MPa. Run the cells (`# %%`) one by one in an
+# editor that supports them, or all at once with `.venv/bin/python examples/notebook.py`, after `make demo`.
 #
 # Everything is in SI units and radians; angles are from the inward normal of the face.
 
@@ -23,14 +23,15 @@ target = Target(compressive_strength=39e6, density=2250.0)
 # %% [markdown]
 # ## The motion at 55°
 #
-# `columns()` gives arrays; with pandas, `to_dataframe()` a table. For polars: `polars.DataFrame(strike.columns())`.
+# `columns()` returns arrays, and `to_dataframe()` a pandas data frame. For polars, use
+# `polars.DataFrame(strike.columns())`.
 
 # %%
 strike = solver.simulate(
     projectile=projectile, target=target, impact=Impact(velocity=238.0, oblique_angle=math.radians(55.0))
 )
 history = strike.columns()
-deepest = strike.maximum_depth or 0.0  # there is one, as nothing perforates thick concrete
+deepest = strike.maximum_depth or 0.0  # It is None only if the target is perforated.
 print(f"{strike.outcome} after {1e3 * strike.final.time:.2f} ms, {1e3 * deepest:.0f} mm deep at most")
 print(f"{'time [ms]':>10} {'nose tip [m]':>13} {'axis [deg]':>11} {'depth force [kN]':>17}")
 for row in range(0, len(history["time"]), 50):
@@ -44,11 +45,10 @@ strike.plot(projectile).savefig(side_view)
 print(f"wrote {side_view}")
 
 # %% [markdown]
-# ## The critical angle over speed, and its standard error
+# ## The critical angle at several speeds, and its standard error
 #
-# The strength factors are those of the paper's finite element runs at four angles. The polynomial through them has a
-# covariance, which says how far the critical angle may be off. What the warnings say comes on top of that: no standard
-# error knows what the model leaves out.
+# The strength factors are from the paper's finite element runs at four angles. The covariance of the polynomial fitted
+# to them gives the critical angle a standard error. It does not include the effects that the warnings describe.
 
 # %%
 points = [
@@ -71,7 +71,7 @@ for velocity, status, angle, error in zip(velocities, table["status"], angles, s
 print("mind:", ", ".join(sorted(set(" ".join(table["warnings"]).split()))))
 
 # %% [markdown]
-# ## As a picture
+# ## The same as a plot
 
 # %%
 figure = Figure(figsize=(6.0, 4.0), layout="constrained")

@@ -1,7 +1,7 @@
-"""Sobol indices of the critical angle by SALib, with the service as an UM-Bridge model.
+"""Compute Sobol indices of the critical angle with SALib, using the service as an UM-Bridge model.
 
-Install both (`pip install umbridge SALib`), start the service with `make serve`, then
-`.venv/bin/python examples/umbridge_salib.py`, with its address if that is another.
+Install both packages (`pip install umbridge SALib`), start the service with `make serve`, then run
+`.venv/bin/python examples/umbridge_salib.py [ADDRESS]`.
 """
 
 import sys
@@ -23,7 +23,7 @@ PROBLEM: dict[str, Any] = {
 
 
 def main() -> None:
-    """Sample, evaluate, print."""
+    """Sample the inputs, evaluate the model and print the indices."""
     address = sys.argv[1] if len(sys.argv) > 1 else ADDRESS
     model = umbridge.HTTPModel(f"{address}/umbridge", "cra")
     inputs = points.sample(PROBLEM, BASE_SAMPLES, calc_second_order=False, seed=7)

@@ -1,7 +1,7 @@
-"""Look for known vulnerabilities in what the service can run on, requirements/full.txt; arguments go to pip-audit.
+"""Look for known vulnerabilities in the packages of requirements/full.txt; arguments are passed to pip-audit.
 
-Ends in 1 if there are any, in 0 if there are none or if the database cannot be reached, which it reports: a check that
-needs somebody else's server must not stop work without it. With `--strict` it ends in 1 too if any package could not
+The exit status is 1 if there are any, and 0 if there are none. If the database cannot be reached, that is reported with
+status 0, because work must not depend on another server. With `--strict` the status is also 1 if any package could not
 be looked up.
 """
 
@@ -13,16 +13,16 @@ from pathlib import Path
 from typing import Any
 
 LOCK = Path(__file__).with_name("full.txt")
-"""The other locks of the service are parts of it."""
+"""Lock file to check; the other lock files of the service are subsets of it."""
 STRICT = "--strict"
 ANSWER_S, ALL_S = 10, 120
-"""For one answer of the database, and for all of them."""
+"""Time limits of one answer of the database, and of the whole audit [s]."""
 UNREACHABLE = ("requests.exceptions.", "ServiceError", "Could not connect")
-"""One of these is in what pip-audit says when it was not answered, or by something that is no such database."""
+"""Parts of the messages of pip-audit if the database did not answer, or another server answered."""
 
 
 def ask(folder: Path, arguments: list[str]) -> tuple[list[dict[str, Any]] | None, str]:
-    """Return what the database says of each package, or None and why there is nothing."""
+    """Return the entries of the packages in the report of pip-audit (None without a report) and its standard error."""
     report = folder / "report.json"
     command = [sys.executable, "-m", "pip_audit", "--requirement", str(LOCK), "--require-hashes", "--disable-pip"]
     command += ["--timeout", str(ANSWER_S), "--progress-spinner", "off", "--format", "json", "--output", str(report)]
@@ -34,7 +34,7 @@ def ask(folder: Path, arguments: list[str]) -> tuple[list[dict[str, Any]] | None
 
 
 def main() -> int:
-    """Say what is known; return 1 if it is bad."""
+    """Print the known vulnerabilities; return the exit status."""
     strict = STRICT in sys.argv[1:]
     with tempfile.TemporaryDirectory(prefix="ricochet-") as folder:
         packages, said = ask(Path(folder), [argument for argument in sys.argv[1:] if argument != STRICT])

@@ -1,7 +1,7 @@
-"""Check that libraries are used through their public names alone, in Python and in the page.
+"""Check that Python code and the page use libraries only through their public names.
 
-Private are the modules and attributes whose name begins with an underscore: a library may change them in any version. A
-name counts as ours if a class of the project defines it; ruff's SLF001 keeps our own classes apart.
+Modules and attributes whose names begin with an underscore are private: a library may change them in any version. A
+name that a class of the project defines is not reported; ruff's SLF001 checks its use.
 """
 
 import ast
@@ -25,14 +25,14 @@ MOST_EXCEPTIONS = 5
 
 @dataclass(frozen=True)
 class AllowedUse:
-    """Private names of one library that stay in some files, with the reason."""
+    """Private names of one library that may be used in some files, and the reason."""
 
     names: frozenset[str]
     paths: tuple[str, ...]
     reason: str
 
     def covers(self, path: str, name: str) -> bool:
-        """Whether this name may be used in this file."""
+        """Return whether this name may be used in this file."""
         return name in self.names and path.startswith(self.paths)
 
 
@@ -51,7 +51,7 @@ ALLOWED = (
         frozenset({"_Hash"}), ("service/api/batch_body.py",), "hashlib: the type of its objects has no other name"
     ),
 )
-"""At most MOST_EXCEPTIONS."""
+"""Exceptions to the rule, at most `MOST_EXCEPTIONS`."""
 
 
 @dataclass(frozen=True, order=True)
@@ -67,12 +67,12 @@ class Finding:
 
 
 def is_private(name: str) -> bool:
-    """Tell names with one leading underscore from public and special ones."""
+    """Return whether a name is private; names with two leading underscores are not."""
     return name.startswith("_") and name != "_" and not name.startswith("__") and name not in DOCUMENTED
 
 
 def is_own(module: str) -> bool:
-    """Tell modules of the project from those of libraries."""
+    """Return whether a module belongs to the project."""
     return module.partition(".")[0] in {*FOLDERS, "ricochet_command"}
 
 
@@ -115,21 +115,21 @@ class PrivateNames(ast.NodeVisitor):
         self.visit(tree)
 
     def visit_Import(self, node: ast.Import) -> None:
-        """Look at `import a._b`."""
+        """Check `import a._b`."""
         self._note(node, (part for name in node.names for part in name.name.split(".")))
 
     def visit_ImportFrom(self, node: ast.ImportFrom) -> None:
-        """Look at `from a._b import _c`."""
+        """Check `from a._b import _c`."""
         if node.level == 0 and not is_own(node.module or ""):
             self._note(node, [*(node.module or "").split("."), *(name.name for name in node.names)])
 
     def visit_Attribute(self, node: ast.Attribute) -> None:
-        """Look at `a._b`."""
+        """Check `a._b`."""
         self._note(node, [node.attr])
         self.generic_visit(node)
 
     def visit_Call(self, node: ast.Call) -> None:
-        """Look at `getattr(a, "_b")`, and at `monkeypatch.setattr("a._b", ...)`."""
+        """Check `getattr(a, "_b")` and `monkeypatch.setattr("a._b", ...)`."""
         function = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
         if function in BY_NAME:
             words = (each.value for each in node.args[:2] if isinstance(each, ast.Constant))
@@ -138,7 +138,7 @@ class PrivateNames(ast.NodeVisitor):
         self.generic_visit(node)
 
     def visit_Assign(self, node: ast.Assign) -> None:
-        """Look at the keys of `options = {"_a": ...}`, if a call unpacks them."""
+        """Check the keys of `options = {"_a": ...}` if a call unpacks them."""
         match node:
             case ast.Assign(targets=[ast.Name(id=target)], value=ast.Dict(keys=keys)) if target in self.options:
                 words = (key.value for key in keys if isinstance(key, ast.Constant))
@@ -146,12 +146,12 @@ class PrivateNames(ast.NodeVisitor):
         self.generic_visit(node)
 
     def visit_Constant(self, node: ast.Constant) -> None:
-        """Look at a type in quotes, such as "argparse._ArgumentGroup"."""
+        """Check a type in quotation marks, such as "argparse._ArgumentGroup"."""
         if isinstance(node.value, str) and TYPE_IN_QUOTES.fullmatch(node.value):
             self._note(node, node.value.split("."))
 
     def visit_ClassDef(self, node: ast.ClassDef) -> None:
-        """Look at methods that override one of a library."""
+        """Check methods that override a method of a library."""
         bases = [base for base in (library_class(self.tree, base) for base in node.bases) if base is not None]
         methods = [each for each in node.body if isinstance(each, ast.FunctionDef | ast.AsyncFunctionDef)]
         for method in methods:
@@ -165,7 +165,7 @@ class PrivateNames(ast.NodeVisitor):
 
 
 def library_class(tree: ast.Module, base: ast.expr) -> type | None:
-    """Return the class of a library that a base class is; None for one of the project or of this file."""
+    """Return the class of a library that an expression for a base class refers to, otherwise None."""
     first, *rest = ast.unparse(base).partition("[")[0].split(".")
     for node in tree.body:
         module, names = "", rest
@@ -208,7 +208,7 @@ def sources(*endings: str) -> dict[str, str]:
 
 
 def main() -> int:
-    """Print what is used but not listed, and what is listed but not used; return 1 if there is any."""
+    """Print private names that are not allowed, and exceptions that are not used; return 1 if there are any."""
     found = findings_in_python(sources(".py")) + findings_in_scripts(sources(".js", ".ts"))
     wrong = [str(each) for each in sorted(set(found)) if not any(use.covers(each.path, each.name) for use in ALLOWED)]
     wrong += [

@@ -1,6 +1,6 @@
-"""Draw the figures of the manual into docs/_figures, which is not committed: the build of the manual calls `draw_all`.
+"""Draw the figures of the manual into docs/_figures, which is not committed. The build of the manual calls `draw_all`.
 
-The numbers of the table of terms come from here as well, so that it and its figure agree.
+The table of terms takes its numbers from here as well, so that table and figure agree.
 """
 
 import math
@@ -159,7 +159,7 @@ def angles(axes: Axes) -> None:
 
 
 def decay(axes: Axes) -> None:
-    """Draw the decay functions over the distance to the face."""
+    """Draw the decay functions against the distance from the face."""
     ratios = np.geomspace(1.0, 50.0, 200)
     for law, label in (
         (ElasticPlastic(), "elastic-plastic (default)"),
@@ -190,7 +190,7 @@ def terms_bars(axes: Axes) -> None:
 
 
 def energy_left(axes: Axes) -> None:
-    """Draw the energy with which the paper's projectile leaves over the oblique angle."""
+    """Draw the energy with which the paper's projectile leaves against the oblique angle."""
     degrees = np.arange(47.0, 60.01, 0.25)
     shares = []
     for oblique in degrees:
@@ -210,7 +210,7 @@ def energy_left(axes: Axes) -> None:
 
 
 def angle_map(axes: Axes) -> None:
-    """Draw the critical angle over speed and strength."""
+    """Draw a map of the critical angle over speed and strength."""
     grid = [(velocity, strength) for strength in STRENGTHS for velocity in VELOCITIES]
     answers = critical_angle_many(
         projectile=PAPER_PROJECTILE,
@@ -229,7 +229,7 @@ def angle_map(axes: Axes) -> None:
 
 
 def probability(axes: Axes) -> None:
-    """Draw the probability of ricochet of the paper's strike with the scatter that the manual gives it."""
+    """Draw the probability of ricochet of the paper's strike, with the scatter stated in the manual."""
     answer = critical_angle_uncertainty(
         projectile=PAPER_PROJECTILE,
         target=PAPER_TARGET,
@@ -251,7 +251,7 @@ def probability(axes: Axes) -> None:
 
 
 def histories(axes: Axes) -> None:
-    """Draw the axis angle over time on both sides of the critical angle."""
+    """Draw the axis angle against time, just below and just above the critical angle."""
     for degrees in (45.0, 48.0, 49.0, 55.0):
         impact: Impact = paper_impact(oblique_angle_degrees=degrees)
         motion = simulate(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact).history

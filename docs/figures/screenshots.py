@@ -1,6 +1,6 @@
 """Start a service and take screenshots of its page: every view, wide and narrow, light and dark.
 
-They are written to build/screenshots, and those that README and manual show to docs/figures.
+All are written to build/screenshots; the ones that README and manual show are also written to docs/figures.
 """
 
 from pathlib import Path
@@ -54,11 +54,11 @@ def fill(page: Page, view: str) -> None:
     expect(page.locator(last).first).to_be_visible()
     expect(page.locator(".sides > :last-child [aria-busy=true]:visible")).to_have_count(0)
     page.wait_for_load_state("networkidle")
-    page.wait_for_timeout(1000)  # time for the last plot to be drawn
+    page.wait_for_timeout(1000)  # The last plot is still being drawn.
 
 
 def take(browser: Browser, address: str, width: int, theme: Literal["light", "dark"]) -> None:
-    """Take a picture of each view."""
+    """Take a screenshot of each view."""
     context = browser.new_context(
         base_url=address,
         viewport={"width": width, "height": SIZES[width]},
@@ -85,7 +85,7 @@ def take(browser: Browser, address: str, width: int, theme: Literal["light", "da
 
 
 def main() -> None:
-    """Take all pictures."""
+    """Take all screenshots."""
     if executable() is None:
         raise SystemExit("no browser here: install Chromium")
     FOLDER.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Draw docs/figures/trajectories.svg: the paper's projectile from the side, at 45° and at 55° from the normal."""
+"""Draw docs/figures/trajectories.svg, a side view of the paper's projectile at 45° and at 55° from the normal."""
 
 from pathlib import Path
 from typing import Any
