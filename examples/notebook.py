@@ -68,7 +68,7 @@ table = solver.columns(answers)
 angles, standard_errors = np.degrees(table["angle"]), np.degrees(table["standard_error"])
 for velocity, status, angle, error in zip(velocities, table["status"], angles, standard_errors, strict=True):
     print(f"{velocity:.0f} m/s  {status}  {angle:.2f}° ± {error:.2f}°")
-print("mind:", ", ".join(sorted(set(" ".join(table["warnings"]).split()))))
+print("warnings:", ", ".join(sorted(set(" ".join(table["warnings"]).split()))))
 
 # %% [markdown]
 # ## The same as a plot

@@ -48,8 +48,8 @@ def main() -> int:
         return 1 if strict else 0
     found = [(package, each) for package in known for each in package["vulns"]]
     for package, each in found:
-        mended = ", ".join(each["fix_versions"]) or "no version yet"
-        print(f"{package['name']} {package['version']}: {each['id']}, mended in {mended}", file=sys.stderr)
+        fixed = ", ".join(each["fix_versions"]) or "no version yet"
+        print(f"{package['name']} {package['version']}: {each['id']}, fixed in {fixed}", file=sys.stderr)
     unknown = (
         f"; {len(packages or []) - len(known)} are not in the database" if len(known) < len(packages or []) else ""
     )

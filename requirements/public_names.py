@@ -40,15 +40,15 @@ ALLOWED = (
     AllowedUse(
         frozenset({"_nrt"}),
         ("solver/compilation.py",),
-        "numba: no public option keeps compiled functions from counting references to the arrays that they are handed",
+        "numba: no public option keeps compiled functions from counting references to their array arguments",
     ),
     AllowedUse(
         frozenset({"_actions"}),
         ("tests/cli/test_outputs.py",),
-        "argparse: it has no public list of the arguments of a parser, each of which the test looks at",
+        "argparse: it has no public list of the arguments of a parser, which the test goes through",
     ),
     AllowedUse(
-        frozenset({"_Hash"}), ("service/api/batch_body.py",), "hashlib: the type of its objects has no other name"
+        frozenset({"_Hash"}), ("service/api/batch_body.py",), "hashlib: the type of hash objects has no public name"
     ),
 )
 """Exceptions to the rule, at most `MOST_EXCEPTIONS`."""
@@ -212,7 +212,7 @@ def main() -> int:
     found = findings_in_python(sources(".py")) + findings_in_scripts(sources(".js", ".ts"))
     wrong = [str(each) for each in sorted(set(found)) if not any(use.covers(each.path, each.name) for use in ALLOWED)]
     wrong += [
-        f"no longer needed, the exception for {use.reason}"
+        f"exception no longer needed: {use.reason}"
         for use in ALLOWED
         if not any(use.covers(each.path, each.name) for each in found)
     ]

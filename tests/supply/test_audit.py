@@ -60,7 +60,7 @@ def test_vulnerability_fails_the_audit_and_is_named_with_its_fix() -> None:
         ended = audited("-s", "osv", "--osv-url", url)
     assert ended.returncode == 1
     assert ended.stderr.startswith("numpy ")
-    assert "TEST-2026-1, mended in 99.0" in ended.stderr
+    assert "TEST-2026-1, fixed in 99.0" in ended.stderr
     assert ended.stdout.startswith("1 known vulnerabilities in ")
 
 
