@@ -38,7 +38,7 @@ SCAN_DEG = [5.0 + 0.5 * index for index in range(161)]
 DOUBTS = {"retention_decides", "retention_decides_perforation", "tumbling", "undecided"}
 """Codes of the warnings that an angle is uncertain."""
 DISAGREEMENTS = ("error", "status", "first angle", "other crossings", "intervals")
-UNWARNED = ("status", "first angle", "intervals")
+NEEDS_WARNING = ("status", "first angle", "intervals")
 """Kinds of disagreement that a warning in `DOUBTS` should announce."""
 ROUTES = 3000
 """Number of strikes that are computed by both methods."""
@@ -203,7 +203,7 @@ def summarize(rows: list[Comparison]) -> dict[str, Any]:
     differences = [row.difference_deg for row in rows if row.difference_deg is not None]
     counts = Counter(row.disagreement for row in rows)
     paper_s = statistics.median(row.paper_cpu_s for row in rows)
-    unwarned = [row for row in rows if row.disagreement in UNWARNED and not row.doubts]
+    unwarned = [row for row in rows if row.disagreement in NEEDS_WARNING and not row.doubts]
     return {
         "cases": len(rows),
         **{f"status {name}": number for name, number in sorted(Counter(row.status for row in rows).items())},

@@ -104,19 +104,19 @@ def searches(count: int) -> list[Curve]:
     return [curve]
 
 
-def asleep(sizes: Sequence[int]) -> list[Curve]:
-    """Measure the number of chunks a second that Dask workers complete. The chunks only sleep."""
+def chunks(sizes: Sequence[int]) -> list[Curve]:
+    """Measure the rate at which Dask workers complete chunks. The chunks only sleep."""
     curve = Curve("sleeping chunks", "1/s", "Dask workers")
     for size in sizes:
         with LocalCluster(  # type: ignore[no-untyped-call]
             n_workers=size, threads_per_worker=1, protocol="tcp://", dashboard_address=None
         ) as dask:
-            seconds = asyncio.run(seconds_asleep(dask.scheduler_address, size))
+            seconds = asyncio.run(seconds_for_chunks(dask.scheduler_address, size))
         curve.points.append((size, SLEEPS * size / seconds))
     return [curve]
 
 
-async def seconds_asleep(address: str, workers: int) -> float:
+async def seconds_for_chunks(address: str, workers: int) -> float:
     """Time in which the workers of a cluster complete `SLEEPS` chunks each, which only sleep. [s]"""
     executor = DaskExecutor(address=address, workers=1, task_seconds=60.0)
     await executor.start()
@@ -302,7 +302,7 @@ def main() -> None:
     warm_up()
     curves = [
         *searches(QUICK_SEARCHES if options.quick else SEARCHES),
-        *asleep(WORKERS[:end]),
+        *chunks(WORKERS[:end]),
         *memory(QUEUED[:end]),
         *results(RESULTS[:end]),
         *jobs(JOBS[:end]),

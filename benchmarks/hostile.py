@@ -151,7 +151,7 @@ class Attack:
 
 
 @dataclass(slots=True)
-class Seen:
+class Observation:
     """Statuses of the answers to requests of one kind, and the longest time that the event loop was blocked. [s]"""
 
     statuses: Counter[int] = field(default_factory=Counter)
@@ -222,7 +222,7 @@ class Service:
         status = Path(f"/proc/{self._process.pid}/status").read_text(encoding="ascii")
         return int(status.split("VmRSS:")[1].split()[0]) / 1024
 
-    def stood_still(self) -> tuple[float, float]:
+    def longest_block(self) -> tuple[float, float]:
         """Longest time that the loop was blocked since the last call: wall time, and CPU time of its thread. [s]"""
         with suppress(BrokenPipeError):
             self._pipe.send("report")
@@ -369,16 +369,16 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1, help="of their choice")
     options = parser.parse_args()
     print_machine()
-    seen: dict[str, Seen] = defaultdict(Seen)
+    observed: dict[str, Observation] = defaultdict(Observation)
     with tempfile.TemporaryDirectory() as folder, running() as service:
         contract = create_app(Settings(data_dir=Path(folder))).openapi()
         send(service.port, b"GET /livez HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
-        service.stood_still()
+        service.longest_block()
         before = service.resident_mb
         for attack in attacks(contract, options.requests, options.seed):
             status = send(service.port, attack.request)
-            wall, cpu = service.stood_still()
-            found = seen[attack.kind]
+            wall, cpu = service.longest_block()
+            found = observed[attack.kind]
             found.statuses[status] += 1
             if cpu > found.cpu:
                 found.place = attack.request.split(b" ", 2)[1][:60].decode("latin-1")
@@ -393,12 +393,12 @@ def main() -> int:
             f"{1e3 * found.wall:.1f} ms",
             found.place,
         ]
-        for kind, found in sorted(seen.items(), key=lambda item: -item[1].cpu)
+        for kind, found in sorted(observed.items(), key=lambda item: -item[1].cpu)
     ]
     print_table(["kind", "requests", "statuses", "loop's own time", "by the clock", "longest at"], rows)
-    largest = max(found.cpu for found in seen.values())
-    failed = sum(found.statuses[500] for found in seen.values())
-    longest = max(found.wall for found in seen.values())
+    largest = max(found.cpu for found in observed.values())
+    failed = sum(found.statuses[500] for found in observed.values())
+    longest = max(found.wall for found in observed.values())
     print(f"{options.requests:,} requests: the loop stood still for {1e3 * largest:.1f} ms of its own time at most,")
     print(f"{1e3 * longest:.1f} ms by the clock (target: {1e3 * TARGET_SECONDS:.0f} ms); {failed} answers were a 500.")
     print(f"Resident memory {before:.0f} MB before, {after:.0f} MB after.")

@@ -414,11 +414,13 @@ def test_event_streams_of_an_owner_are_limited(guarded: Guarded) -> None:
     finally:
         for stream in open_ones:
             stream.close()
-    until(lambda: opens(guarded.anna, path))  # The server notices a closed stream when it next writes to it.
+    until(
+        lambda: accepts_event_stream(guarded.anna, path)
+    )  # The server notices a closed stream when it next writes to it.
     guarded.anna.delete(job["links"]["self"])
 
 
-def opens(client: httpx.Client, path: str) -> bool:
+def accepts_event_stream(client: httpx.Client, path: str) -> bool:
     """Return whether the service accepts another event stream."""
     with client.stream("GET", path) as stream:
         return stream.status_code == 200

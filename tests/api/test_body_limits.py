@@ -60,11 +60,11 @@ ROUTES = list(routes())
 JSON_ROUTES = [route for route in ROUTES if route.media_type == "application/json"]
 
 
-def named(route: Route) -> str:
+def route_id(route: Route) -> str:
     return f"{route.path} {route.media_type.rpartition('/')[2]}"
 
 
-each_route = pytest.mark.parametrize("route", ROUTES, ids=named)
+each_route = pytest.mark.parametrize("route", ROUTES, ids=route_id)
 
 
 def places_of_objects(part: Any, steps: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
@@ -79,7 +79,7 @@ def at(part: Any, steps: tuple[str | int, ...]) -> Any:
     return reduce(lambda found, step: found[step], steps, part)
 
 
-def told(response: httpx.Response) -> str:
+def refusal_text(response: httpx.Response) -> str:
     """Check that a body was refused with a short answer; return its text."""
     assert response.status_code in {400, 413, 422}, response.text
     assert len(response.content) < 5_000
@@ -90,10 +90,10 @@ def told(response: httpx.Response) -> str:
 def test_too_many_fields_are_refused_at_once(client: httpx.Client, route: Route) -> None:
     spread = {"objects": [{"a": 0}] * FIELDS}
     answer = route.send(client, spread)
-    assert "long at most" in told(answer) or "fields and" in told(answer)
+    assert "long at most" in refusal_text(answer) or "fields and" in refusal_text(answer)
     crowd = dict(route.body) | {f"f{number}": 0 for number in range(SHORT // 10)}
     answer = route.send(client, crowd)
-    assert "fields" in told(answer)
+    assert "fields" in refusal_text(answer)
 
 
 @each_route
@@ -101,7 +101,7 @@ def test_too_many_values_are_refused_at_once(client: httpx.Client, route: Route)
     items: tuple[Any, ...] = (0, "a", None, [], {})
     for item in items:
         answer = route.send(client, dict(route.body) | {"list": [item] * VALUES})
-        assert "long at most" in told(answer) or "values at most" in told(answer)
+        assert "long at most" in refusal_text(answer) or "values at most" in refusal_text(answer)
 
 
 @each_route
@@ -110,22 +110,22 @@ def test_repeated_field_is_refused(client: httpx.Client, route: Route) -> None:
     name = next(iter(route.body))
     twice = [f'{{"{name}":1,{text[1:]}'.encode(), f'{text[:-1]},"a":{{"b":{{"x":"1:2","x":3}}}}}}'.encode()]
     for content, field in zip(twice, (name, "x"), strict=True):
-        assert f"has the field '{field}' twice" in told(route.send(client, content))
+        assert f"has the field '{field}' twice" in refusal_text(route.send(client, content))
 
 
-@pytest.mark.parametrize("route", JSON_ROUTES, ids=named)
+@pytest.mark.parametrize("route", JSON_ROUTES, ids=route_id)
 def test_object_with_too_many_fields_is_named_wherever_it_is(client: httpx.Client, route: Route) -> None:
     for steps in places_of_objects(route.body):
         body = json.loads(json.dumps(route.body))
         at(body, steps).update({f"f{number}": number for number in range(MAX_FIELDS)})
         pointer = "".join(f"/{step}" for step in steps)
         answer = route.send(client, body)
-        assert f"has {len(at(body, steps))} fields, most of them unknown" in told(answer)
+        assert f"has {len(at(body, steps))} fields, most of them unknown" in refusal_text(answer)
         if "problem" in answer.headers["Content-Type"]:
             refused_at(answer, pointer)
 
 
-@pytest.mark.parametrize("route", JSON_ROUTES, ids=named)
+@pytest.mark.parametrize("route", JSON_ROUTES, ids=route_id)
 def test_no_refusal_lists_more_than_a_hundred_errors(client: httpx.Client, route: Route) -> None:
     """Every object in the example body in turn is filled with invalid values."""
     for steps in places_of_objects(route.body):

@@ -122,7 +122,7 @@ def test_shutdown_refuses_work_that_would_not_finish_in_time(service_on: RunServ
             assert service.process.wait(PATIENCE_S) == 0
 
 
-def answered(ends: Sequence[socket.socket]) -> int:
+def answers_begun(ends: Sequence[socket.socket]) -> int:
     """Return the number of connections on which an answer has begun."""
     return len(select.select(ends, [], [], 0.0)[0])
 
@@ -138,7 +138,7 @@ def test_reports_of_one_owner_do_not_delay_the_query_of_another(service_on: RunS
         with sent(service.url, "/report", [PAPER] * REPORTS, "127.0.0.2") as ends:
             until(lambda: gauge(other, "ricochet_queued_queries") > REPORTS / 2)
             assert other.post("/cra", json=search(1)).is_success
-            assert answered(ends) < REPORTS / 2
+            assert answers_begun(ends) < REPORTS / 2
         until(lambda: gauge(other, "ricochet_queued_queries") == 0)
 
 

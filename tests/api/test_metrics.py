@@ -33,7 +33,7 @@ def metrics(client: httpx.Client) -> dict[tuple[str, ...], float]:
     }
 
 
-class Own(NamedTuple):
+class SeparateService(NamedTuple):
     """Client and log of a separate service, where no jobs of other tests run."""
 
     client: httpx.Client
@@ -41,17 +41,17 @@ class Own(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def own(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Own]:
-    folder = tmp_path_factory.mktemp("own")
+def separate(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> Iterator[SeparateService]:
+    folder = tmp_path_factory.mktemp("separate")
     with (
         service_on(folder, log_level="info") as service,
         httpx.Client(base_url=service.url, timeout=60.0, trust_env=False) as client,
     ):
-        yield Own(client, folder / "log")
+        yield SeparateService(client, folder / "log")
 
 
-def test_cases_are_counted_by_outcome(own: Own) -> None:
-    client = own.client
+def test_cases_are_counted_by_outcome(separate: SeparateService) -> None:
+    client = separate.client
     before = metrics(client)
     single, *several = searches(4)
     for _ in range(3):
@@ -110,12 +110,12 @@ def test_answer_states_how_long_it_took(client: httpx.Client) -> None:
         assert float(parts["total"]) < 1e3 * answer.elapsed.total_seconds()
 
 
-def test_log_has_one_json_line_per_request(own: Own) -> None:
+def test_log_has_one_json_line_per_request(separate: SeparateService) -> None:
     for _ in range(2):  # The second request is answered from the cache.
-        own.client.post("/cra", json=PAPER, headers={"X-Request-ID": "traced"})
-    own.client.get(f"/results/{'1' * 64}")
-    until(lambda: "/results/{key}" in own.log.read_text())  # The line is written after the answer.
-    lines = [json.loads(line) for line in own.log.read_text().splitlines()]
+        separate.client.post("/cra", json=PAPER, headers={"X-Request-ID": "traced"})
+    separate.client.get(f"/results/{'1' * 64}")
+    until(lambda: "/results/{key}" in separate.log.read_text())  # The line is written after the answer.
+    lines = [json.loads(line) for line in separate.log.read_text().splitlines()]
     requests = [line for line in lines if line["event"] == "request"]
     traced = [line for line in requests if line["request_id"] == "traced"]
     assert [(line["method"], line["route"], line["status"], line["level"]) for line in traced] == [

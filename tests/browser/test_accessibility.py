@@ -12,7 +12,7 @@ from tests.api.many import ASYNC, LINES, lines, searches
 
 from .conftest import NewPage, all_computed
 
-KEEPS_OUT = {"serious", "critical"}
+SEVERE = {"serious", "critical"}
 OPTIONS = {"resultTypes": ["violations"]}
 COMPARED = "explore?impact.velocity_m_s=300&pin=&pin=projectile.mass_kg%3D16"
 SMALL_MAP = "#/map?x=impact.velocity_m_s,150,240,3&y=target.compressive_strength_pa,39e6,60e6,3"
@@ -34,7 +34,7 @@ def violations(page: Page) -> list[str]:
     return [
         f"{fault['id']}: {fault['help']}: {json.dumps([node['html'][:200] for node in fault['nodes']])}"
         for fault in found
-        if fault["impact"] in KEEPS_OUT
+        if fault["impact"] in SEVERE
     ]
 
 

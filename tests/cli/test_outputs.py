@@ -79,7 +79,7 @@ REFUSED = ("--mass", "-1")
 """Arguments that make the input invalid."""
 
 
-def named(each: Written) -> str:
+def output_id(each: Written) -> str:
     return each.words.replace("strike.toml ", "")
 
 
@@ -174,7 +174,7 @@ def test_two_outputs_must_not_be_the_same_file(files: Path) -> None:
     assert "which is written by --output too" in done.err
 
 
-@pytest.mark.parametrize("each", REPLACED, ids=named)
+@pytest.mark.parametrize("each", REPLACED, ids=output_id)
 def test_failed_command_leaves_the_folder_unchanged(files: Path, each: Written) -> None:
     (files / each.name).write_text("earlier")
     (files / each.name).chmod(0o640)
@@ -185,7 +185,7 @@ def test_failed_command_leaves_the_folder_unchanged(files: Path, each: Written) 
     assert contents(files) == before
 
 
-@pytest.mark.parametrize("each", REPLACED, ids=named)
+@pytest.mark.parametrize("each", REPLACED, ids=output_id)
 def test_output_follows_links_and_keeps_the_file_mode(
     files: Path, tmp_path_factory: pytest.TempPathFactory, each: Written
 ) -> None:
@@ -205,7 +205,7 @@ def test_output_follows_links_and_keeps_the_file_mode(
     assert real.stat().st_ino != number
 
 
-@pytest.mark.parametrize("each", [each for each in REPLACED if not each.words.startswith("report")], ids=named)
+@pytest.mark.parametrize("each", [each for each in REPLACED if not each.words.startswith("report")], ids=output_id)
 def test_pipes_are_written_and_not_replaced(files: Path, each: Written) -> None:
     os.mkfifo(files / each.name)
     received: list[bytes] = []

@@ -327,18 +327,18 @@ def test_input_errors_end_with_status_2_and_other_errors_with_1(kind: str, statu
     assert (error.status, str(error)) == (ended, "No: why")
 
 
-class Moody(BaseHTTPRequestHandler):
-    """A service whose `moods` give the answers in turn: 503, none, or 200 (401 with a wrong key)."""
+class UnreliableService(BaseHTTPRequestHandler):
+    """A service that gives `replies` in turn: `busy` (503), `gone` (none) or `good` (200, or 401 with a wrong key)."""
 
-    moods: ClassVar[list[str]] = []
+    replies: ClassVar[list[str]] = []
 
     def do_POST(self) -> None:
         self.rfile.read(int(self.headers["Content-Length"]))
-        mood = self.moods.pop(0)
-        if mood == "gone":
+        reply = self.replies.pop(0)
+        if reply == "gone":
             return
         allowed = self.headers["Authorization"] == "Bearer secret"
-        self.send_response(503 if mood == "busy" else 200 if allowed else 401)
+        self.send_response(503 if reply == "busy" else 200 if allowed else 401)
         self.send_header("Retry-After", "0")
         self.end_headers()
         self.wfile.write(b'{"mood": "good"}')
@@ -348,8 +348,8 @@ class Moody(BaseHTTPRequestHandler):
 
 
 @pytest.fixture
-def moody_url() -> Iterator[str]:
-    with ThreadingHTTPServer(("127.0.0.1", 0), Moody) as server:
+def unreliable_url() -> Iterator[str]:
+    with ThreadingHTTPServer(("127.0.0.1", 0), UnreliableService) as server:
         thread = threading.Thread(target=server.serve_forever, args=(0.02,))
         thread.start()
         yield f"http://127.0.0.1:{server.server_port}"
@@ -358,20 +358,20 @@ def moody_url() -> Iterator[str]:
 
 
 def test_request_to_a_busy_service_is_repeated_with_the_key(
-    folder: Path, moody_url: str, monkeypatch: pytest.MonkeyPatch
+    folder: Path, unreliable_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Blanks around the key in the environment variable are removed."""
     monkeypatch.setattr("service.cli.client.RETRY_PAUSES", (0.1, 0.1, 0.1))
-    Moody.moods = ["busy", "gone", "busy", "good"]
-    args = ["cra", "strike.toml", "--json", "--url", moody_url]
+    UnreliableService.replies = ["busy", "gone", "busy", "good"]
+    args = ["cra", "strike.toml", "--json", "--url", unreliable_url]
     done = run(folder, *args, RICOCHET_API_KEY=" secret\r\n")
     assert (done.status, done.out, done.err) == (0, '{"mood": "good"}\n', "")
-    Moody.moods = ["good"]
+    UnreliableService.replies = ["good"]
     refused = run(folder, *args, RICOCHET_API_KEY="other")
     assert (refused.status, refused.out) == (1, "")
     assert "401" in refused.err
     assert "RICOCHET_API_KEY: another API key" in refused.err
-    Moody.moods = ["good"]
+    UnreliableService.replies = ["good"]
     assert "401 Unauthorized: RICOCHET_API_KEY: not set" in run(folder, *args).err
 
 
@@ -386,9 +386,9 @@ def test_unreachable_service_ends_with_status_1(folder: Path, words: str) -> Non
 
 
 @pytest.mark.parametrize("key", ["hush\nhush", "hush hush", "“hush”", "hush\u200b"])
-def test_key_with_a_stray_character_is_named_and_not_shown(folder: Path, moody_url: str, key: str) -> None:
-    Moody.moods = []
-    done = run(folder, "cra", "strike.toml", "--url", moody_url, RICOCHET_API_KEY=key)
+def test_key_with_a_stray_character_is_named_and_not_shown(folder: Path, unreliable_url: str, key: str) -> None:
+    UnreliableService.replies = []
+    done = run(folder, "cra", "strike.toml", "--url", unreliable_url, RICOCHET_API_KEY=key)
     assert (done.status, done.out) == (2, "")
     assert done.err.startswith("ricochet cra: RICOCHET_API_KEY: character ")
     assert "hush" not in done.err

@@ -29,7 +29,7 @@ from tests.docs.blocks import blocks
 pytestmark = [pytest.mark.system, pytest.mark.timeout(1200)]
 
 NGINX = shutil.which("nginx") or next((path for path in ("/usr/sbin/nginx",) if Path(path).exists()), None)
-LOOKS = 10
+PROBES = 10
 LONGEST_S = 5.0
 """Time limit of a probe. If it had to wait for the time-outs of silent connections, it would take 10 s. [s]"""
 MONITOR, CROWD, SLOW, FAST = "127.0.0.1", "127.0.0.2", "127.0.0.3", "127.0.0.4"
@@ -126,7 +126,7 @@ def wait_for(port: int, process: "subprocess.Popen[bytes]") -> None:
 def slowest_probe(proxy: Proxy) -> float:
     """Request /livez several times, each time on a new connection; return the longest time. [s]"""
     longest = 0.0
-    for _ in range(LOOKS):
+    for _ in range(PROBES):
         began = time.monotonic()
         with proxy.client() as client:
             assert client.get("/livez").status_code == 200

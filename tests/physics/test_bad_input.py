@@ -326,7 +326,7 @@ def test_bounds_equal_the_bounds_in_the_contract() -> None:
 
 HISTORY = MotionHistory(time=[0.0, 1e-3, 2e-3], rotation=[0.0, 0.01, 0.03])  # type: ignore[arg-type] # a sequence will do
 STRIKE = Impact(velocity=238.0, oblique_angle=0.5)
-GIVEN: dict[str, Any] = CASE | {
+ARGUMENTS: dict[str, Any] = CASE | {
     "target": replace(PAPER_TARGET, thickness=0.2),
     "impact": STRIKE,
     "velocity": 238.0,
@@ -341,12 +341,15 @@ GIVEN: dict[str, Any] = CASE | {
     "times": [0.0, 1e-3],
     "function": critical_angle,
 }
-"""A value for each argument without a default of the functions in `RESISTED`."""
-CASES_OF = {"alternatives": {**CASE, "velocity": 238.0}, "least_thickness": {"impact": STRIKE, "target": PAPER_TARGET}}
-CASES_OF |= {"thickness_spread": {"target": PAPER_TARGET}, "limit_velocity": {"oblique_angle": 0.0}}
-OF_MANY = ("critical_angle_many", "simulate_many", "least_thickness_many", "limit_velocity_many")
+"""A value for each argument without a default of the functions in `FUNCTIONS_WITH_RESISTANCE`."""
+ARGUMENTS_OF = {
+    "alternatives": {**CASE, "velocity": 238.0},
+    "least_thickness": {"impact": STRIKE, "target": PAPER_TARGET},
+}
+ARGUMENTS_OF |= {"thickness_spread": {"target": PAPER_TARGET}, "limit_velocity": {"oblique_angle": 0.0}}
+BATCH_FUNCTIONS = ("critical_angle_many", "simulate_many", "least_thickness_many", "limit_velocity_many")
 """Functions that return the error of a case in its place instead of raising it."""
-RESISTED: dict[str, Callable[..., Any]] = {
+FUNCTIONS_WITH_RESISTANCE: dict[str, Callable[..., Any]] = {
     name: function
     for package in (solver, solver.uncertainty, solver.calibration)
     for name, function in vars(package).items()
@@ -354,7 +357,7 @@ RESISTED: dict[str, Callable[..., Any]] = {
 }
 
 
-@pytest.mark.parametrize("name", sorted(RESISTED))
+@pytest.mark.parametrize("name", sorted(FUNCTIONS_WITH_RESISTANCE))
 def test_object_that_is_not_a_resistance_is_refused(name: str) -> None:
     """Every public function with the argument `resistance` refuses other objects, and says what to pass."""
     given: list[tuple[Any, str]] = [
@@ -363,13 +366,19 @@ def test_object_that_is_not_a_resistance_is_refused(name: str) -> None:
         ("mohr_coulomb", "got str"),
         (3.0, "got float"),
     ]
-    needed = [each.name for each in signature(RESISTED[name]).parameters.values() if each.default is each.empty]
-    arguments = {each: GIVEN[each] for each in needed if each in GIVEN} | CASES_OF.get(name.removesuffix("_many"), {})
+    needed = [
+        each.name
+        for each in signature(FUNCTIONS_WITH_RESISTANCE[name]).parameters.values()
+        if each.default is each.empty
+    ]
+    arguments = {each: ARGUMENTS[each] for each in needed if each in ARGUMENTS} | ARGUMENTS_OF.get(
+        name.removesuffix("_many"), {}
+    )
     for resistance, message in given:
         try:
-            found = RESISTED[name](**arguments | {"resistance": resistance})
+            found = FUNCTIONS_WITH_RESISTANCE[name](**arguments | {"resistance": resistance})
         except ParameterError as error:
-            assert name not in OF_MANY
+            assert name not in BATCH_FUNCTIONS
             found = [error]
         assert isinstance(found[0], ParameterError)
         assert re.fullmatch(f"resistance: must be a Resistance(: |, ){message}", str(found[0]))

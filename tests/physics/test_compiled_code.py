@@ -56,7 +56,7 @@ print(json.dumps([value, sum(event.is_start for _, event in recorder.buffer)]))
 START_S = 300.0
 
 
-class Little:
+class SmallPackage:
     """A copy of the small package, run with a home directory of its own."""
 
     def __init__(self, folder: Path) -> None:
@@ -126,8 +126,8 @@ def set_writable(folder: Path, writable: bool) -> None:
         each.chmod((0o755 if writable else 0o555) if each.is_dir() else (0o644 if writable else 0o444))
 
 
-def make_package(folder: Path) -> Little:
-    made = Little(folder)
+def make_package(folder: Path) -> SmallPackage:
+    made = SmallPackage(folder)
     made.package.mkdir()
     (made.package / "__init__.py").touch()
     shutil.copy(str(compilation.__file__), made.package)
@@ -137,13 +137,13 @@ def make_package(folder: Path) -> Little:
 
 
 @pytest.fixture
-def little(tmp_path: Path) -> Little:
+def little(tmp_path: Path) -> SmallPackage:
     """The package, not compiled yet."""
     return make_package(tmp_path)
 
 
 @pytest.fixture(scope="module")
-def started(tmp_path_factory: pytest.TempPathFactory) -> Little:
+def started(tmp_path_factory: pytest.TempPathFactory) -> SmallPackage:
     """The package with all functions compiled, shared by tests that do not change it."""
     made = make_package(tmp_path_factory.mktemp("started"))
     assert made.compiled() == 2
@@ -151,31 +151,31 @@ def started(tmp_path_factory: pytest.TempPathFactory) -> Little:
 
 
 @pytest.fixture
-def ready(tmp_path: Path, started: Little) -> Little:
+def ready(tmp_path: Path, started: SmallPackage) -> SmallPackage:
     """A copy of the compiled package whose files have new dates."""
     shutil.copytree(started.package, tmp_path / "little", copy_function=shutil.copy)
-    return Little(tmp_path)
+    return SmallPackage(tmp_path)
 
 
-def test_remaining_functions_are_counted_without_numba(little: Little, started: Little) -> None:
+def test_remaining_functions_are_counted_without_numba(little: SmallPackage, started: SmallPackage) -> None:
     assert little.left() == ["functions.half", "functions.quarter"]
     assert started.left() == []
 
 
-def test_compiled_code_is_found_in_a_read_only_copy(ready: Little) -> None:
+def test_compiled_code_is_found_in_a_read_only_copy(ready: SmallPackage) -> None:
     set_writable(ready.package, False)
     assert ready.compiled() == 0
     assert not (ready.folder / "home").exists()
 
 
 @pytest.mark.parametrize("name", ["functions.py", "constants.py"])
-def test_changed_source_and_its_importers_are_recompiled(ready: Little, name: str) -> None:
+def test_changed_source_and_its_importers_are_recompiled(ready: SmallPackage, name: str) -> None:
     with (ready.package / name).open("a") as source:
         source.write("\n# another text\n")
     assert ready.compiled() == 2
 
 
-def test_answer_changes_with_a_function_in_another_file(little: Little) -> None:
+def test_answer_changes_with_a_function_in_another_file(little: SmallPackage) -> None:
     """The cache of numba alone would give the old result, because it checks only the file of the function called."""
     (little.package / "functions.py").write_text(
         "from little.compilation import compiled\nfrom little.inner import half\n\n"
@@ -189,20 +189,20 @@ def test_answer_changes_with_a_function_in_another_file(little: Little) -> None:
     assert answer(little.start()) == (0.5, 2)
 
 
-def test_read_only_installation_compiles_into_the_cache_of_the_user(little: Little) -> None:
+def test_read_only_installation_compiles_into_the_cache_of_the_user(little: SmallPackage) -> None:
     set_writable(little.package, False)
     assert little.compiled() == 2
     assert little.compiled() == 0
     assert list((little.folder / "home" / ".cache" / "ricochet").rglob("*.nbc"))
 
 
-def test_package_without_a_usable_folder_is_compiled_at_each_start(little: Little) -> None:
+def test_package_without_a_usable_folder_is_compiled_at_each_start(little: SmallPackage) -> None:
     (little.folder / "home").touch()
     set_writable(little.package, False)
     assert [little.compiled() for _ in range(2)] == [2, 2]
 
 
-def test_cache_folder_in_the_environment_is_used(little: Little) -> None:
+def test_cache_folder_in_the_environment_is_used(little: SmallPackage) -> None:
     named = little.folder / "named"
     little.environment["NUMBA_CACHE_DIR"] = str(named)
     assert little.compiled() == 2
@@ -211,7 +211,7 @@ def test_cache_folder_in_the_environment_is_used(little: Little) -> None:
     assert little.compiled() == 0
 
 
-def test_unusable_cache_folder_in_the_environment_is_ignored(little: Little) -> None:
+def test_unusable_cache_folder_in_the_environment_is_ignored(little: SmallPackage) -> None:
     closed = little.folder / "closed"
     closed.mkdir(mode=0)
     (little.folder / "file").touch()
@@ -223,7 +223,7 @@ def test_unusable_cache_folder_in_the_environment_is_ignored(little: Little) -> 
 
 
 @pytest.mark.parametrize("settings", ["opt: [", "- opt", "opt: fast", "disable_jit: 1"])
-def test_settings_unusable_by_numba_are_named_in_one_sentence(little: Little, settings: str) -> None:
+def test_settings_unusable_by_numba_are_named_in_one_sentence(little: SmallPackage, settings: str) -> None:
     (little.folder / ".numba_config.yaml").write_text(settings)
     little.run = "from little.functions import quarter; quarter(8.0)"
     _, errors = little.start().communicate(timeout=START_S)
@@ -246,21 +246,21 @@ def damages(*first: str) -> list[Any]:
 
 
 @pytest.mark.parametrize("damage", damages("empty", "last byte missing"))
-def test_folder_with_a_damaged_file_is_recompiled(ready: Little, damage: str) -> None:
+def test_folder_with_a_damaged_file_is_recompiled(ready: SmallPackage, damage: str) -> None:
     damage_file(ready, damage, ".nbc")
     assert ready.compiled() == 2
     assert ready.compiled() == 0
 
 
 @pytest.mark.parametrize("damage", damages("first half"))
-def test_damaged_index_is_rewritten(ready: Little, damage: str) -> None:
+def test_damaged_index_is_rewritten(ready: SmallPackage, damage: str) -> None:
     damage_file(ready, damage, ".nbi")
     assert ready.compiled() == 2
     assert ready.compiled() == 0
     assert not ready.left()
 
 
-def test_damaged_read_only_folder_is_not_used(ready: Little) -> None:
+def test_damaged_read_only_folder_is_not_used(ready: SmallPackage) -> None:
     damage_file(ready, "first half", ".nbc")
     set_writable(ready.package, False)
     assert [ready.compiled() for _ in range(2)] == [2, 2]
@@ -279,23 +279,23 @@ INTERRUPTED = """
 """
 
 
-def test_signal_handler_that_raises_while_code_is_loaded_does_not_discard_it(ready: Little) -> None:
+def test_signal_handler_that_raises_while_code_is_loaded_does_not_discard_it(ready: SmallPackage) -> None:
     ready.run = RUN.replace("    value = ", f"{INTERRUPTED}    value = ")
     assert ready.compiled() == 0
 
 
-def damage_file(package: Little, damage: str, suffix: str) -> None:
+def damage_file(package: SmallPackage, damage: str, suffix: str) -> None:
     file = next(file for file in package.code.rglob("*quarter*") if file.suffix == suffix)
     file.write_bytes(DAMAGES[damage](file.read_bytes()))
 
 
-def test_unreadable_code_is_recompiled(ready: Little) -> None:
+def test_unreadable_code_is_recompiled(ready: SmallPackage) -> None:
     for file in ready.code.rglob("*.nb?"):
         file.chmod(0)
     assert ready.compiled() == 2
 
 
-def test_two_processes_may_compile_at_the_same_time(little: Little) -> None:
+def test_two_processes_may_compile_at_the_same_time(little: SmallPackage) -> None:
     begin = [little.folder / name for name in ("first", "second")]
     processes = [little.start(str(name)) for name in begin]
     deadline = time.monotonic() + START_S
@@ -429,7 +429,7 @@ def test_import_loads_neither_numba_nor_scipy() -> None:
     assert done.stdout == "[]\n"
 
 
-def test_code_for_another_processor_is_not_counted_or_deleted(ready: Little) -> None:
+def test_code_for_another_processor_is_not_counted_or_deleted(ready: SmallPackage) -> None:
     ready.environment["NUMBA_CPU_NAME"] = "generic"
     assert len(ready.left()) == 2
     assert ready.compiled() == 2
