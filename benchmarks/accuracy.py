@@ -251,11 +251,11 @@ def compare_routes(count: int, seed: int, processes: int) -> bool:
     for name, number in sorted(Counter(row.explained for row in rows).items()):
         print(f"{'equal, with ' + name if name else 'equal as they are, or different':38} {number}")
     differing = [row for row in rows if row.difference]
-    print(f"{'different for no reason found':38} {len(differing)}")
+    print(f"{'different for no known reason':38} {len(differing)}")
     for row in differing:
         print(f"\nstrike {row.number}, {row.difference}: {row.adaptive} {row.panels}\n  {row.strike}")
     missing = sum(number == 0 for number in table.values())
-    print(f"{'combinations that did not come':38} {missing}\n", flush=True)
+    print(f"{'combinations that did not occur':38} {missing}\n", flush=True)
     return not differing and (missing == 0 or count < routes.FULL_TABLE)
 
 
@@ -274,9 +274,11 @@ def run(compare: Callable[[tuple[int, Case]], Comparison], cases: list[Case], pr
 
 def main() -> int:
     parser = argparse.ArgumentParser(description="Compare critical angles with references over random strikes.")
-    parser.add_argument("--only", choices=(*SETS, "routes"), help="one of the sets")
+    parser.add_argument("--only", choices=(*SETS, "routes"), help="compute only this set")
     parser.add_argument(
-        "--cases", type=int, help="in each set; 300 odd ones, 3,000 by both routes and 200 of the others unless given"
+        "--cases",
+        type=int,
+        help="number of cases in each set; default: 300 odd, 3,000 by both routes, 200 of the others",
     )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--processes", type=int, default=2)

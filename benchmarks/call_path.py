@@ -136,7 +136,7 @@ def serve(recorder: Recorder) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Count the files that a request touches.")
+    parser = argparse.ArgumentParser(description="Count the files whose functions a request calls.")
     parser.add_argument("--paths", action="store_true", help="print every switch from file to file")
     options = parser.parse_args()
     print_machine()

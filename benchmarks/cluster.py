@@ -36,9 +36,9 @@ def measure(server: Server, count: int) -> dict[str, Batch]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description="Measure a Dask cluster beside the pool.")
+    parser = argparse.ArgumentParser(description="Compare a Dask cluster with the pool.")
     parser.add_argument("--cases", type=int, default=2_000)
-    parser.add_argument("--quick", action="store_true", help="100 cases")
+    parser.add_argument("--quick", action="store_true", help="compute 100 cases")
     options = parser.parse_args()
     print_machine()
     warm_up()

@@ -293,8 +293,8 @@ def draw(curves: Sequence[Curve], path: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Measure how the cost grows.")
-    parser.add_argument("--quick", action="store_true", help="stop a decade earlier")
+    parser = argparse.ArgumentParser(description="Measure the growth of times and memory.")
+    parser.add_argument("--quick", action="store_true", help="leave out the largest sizes")
     parser.add_argument("--figure", type=Path, help="draw the curves into this file")
     options = parser.parse_args()
     end = -1 if options.quick else None

@@ -364,9 +364,9 @@ def attacks(contract: dict[str, Any], count: int, seed: int) -> Iterator[Attack]
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description="Measure how long the event loop stands still under hostile requests.")
-    parser.add_argument("--requests", type=int, default=2000, help="how many requests")
-    parser.add_argument("--seed", type=int, default=1, help="of their choice")
+    parser = argparse.ArgumentParser(description="Measure how long hostile requests block the event loop.")
+    parser.add_argument("--requests", type=int, default=2000, help="number of requests")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the random requests")
     options = parser.parse_args()
     print_machine()
     observed: dict[str, Observation] = defaultdict(Observation)
@@ -395,12 +395,14 @@ def main() -> int:
         ]
         for kind, found in sorted(observed.items(), key=lambda item: -item[1].cpu)
     ]
-    print_table(["kind", "requests", "statuses", "loop's own time", "by the clock", "longest at"], rows)
+    print_table(["kind", "requests", "statuses", "CPU time blocked", "wall time blocked", "longest at"], rows)
     largest = max(found.cpu for found in observed.values())
     failed = sum(found.statuses[500] for found in observed.values())
     longest = max(found.wall for found in observed.values())
-    print(f"{options.requests:,} requests: the loop stood still for {1e3 * largest:.1f} ms of its own time at most,")
-    print(f"{1e3 * longest:.1f} ms by the clock (target: {1e3 * TARGET_SECONDS:.0f} ms); {failed} answers were a 500.")
+    print(f"{options.requests:,} requests: the event loop was blocked for at most {1e3 * largest:.1f} ms of CPU time,")
+    print(
+        f"{1e3 * longest:.1f} ms of wall time (target: {1e3 * TARGET_SECONDS:.0f} ms); {failed} answers had status 500."
+    )
     print(f"Resident memory {before:.0f} MB before, {after:.0f} MB after.")
     return 1 if failed else 0
 

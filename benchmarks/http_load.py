@@ -160,9 +160,9 @@ def polled(server: Server) -> Iterator[Connection]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description="Measure what HTTP costs beside the bare solver.")
+    parser = argparse.ArgumentParser(description="Measure the overhead of HTTP compared with the bare solver.")
     parser.add_argument("--cases", type=int, nargs="+", default=[20_000, 2_000], help="sizes of the batches")
-    parser.add_argument("--quick", action="store_true", help="a batch of 200")
+    parser.add_argument("--quick", action="store_true", help="compute one batch of 200 cases")
     options = parser.parse_args()
     print_machine()
     warm_up()

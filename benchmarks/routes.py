@@ -107,8 +107,8 @@ def print_trajectories(trajectories: list[Contender], references: References) ->
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Compare the routes with a NumPy script.")
-    parser.add_argument("--quick", action="store_true", help="one repetition")
+    parser = argparse.ArgumentParser(description="Compare the numerical methods with a NumPy script.")
+    parser.add_argument("--quick", action="store_true", help="measure one repetition")
     parser.add_argument("--repetitions", type=int, default=5)
     options = parser.parse_args()
     print_machine()

@@ -101,8 +101,8 @@ def measure(work: Work, workers: int) -> Timing:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Measure two workers against one.")
-    parser.add_argument("--quick", action="store_true", help="one turn of 20 cases")
+    parser = argparse.ArgumentParser(description="Compare two workers with one.")
+    parser.add_argument("--quick", action="store_true", help="compute 20 cases in one turn")
     parser.add_argument("--cases", type=int, default=1_000)
     parser.add_argument("--turns", type=int, default=5)
     options = parser.parse_args()

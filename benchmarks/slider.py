@@ -58,8 +58,8 @@ def chromium() -> Iterator[Browser]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Measure a step of a slider in the page.")
-    parser.add_argument("--quick", action="store_true", help="ten steps")
+    parser = argparse.ArgumentParser(description="Measure the time of a step of a slider in the page.")
+    parser.add_argument("--quick", action="store_true", help="measure ten steps")
     steps = 10 if parser.parse_args().quick else 100
     print_machine()
     with service() as server, chromium() as browser:

@@ -423,7 +423,7 @@ def growth(sizes: list[float]) -> float:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description="Load and disturb the service for a time.")
+    parser = argparse.ArgumentParser(description="Test the service under load, kills and restarts.")
     parser.add_argument("--minutes", type=float, default=20.0)
     options = parser.parse_args()
     print_machine()

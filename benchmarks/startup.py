@@ -53,8 +53,8 @@ def run_command() -> dict[str, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Measure fresh processes.")
-    parser.add_argument("--quick", action="store_true", help="one repetition, and no compilation")
+    parser = argparse.ArgumentParser(description="Measure the first critical angle of new processes.")
+    parser.add_argument("--quick", action="store_true", help="measure one repetition without compilation")
     parser.add_argument("--repetitions", type=int, default=5)
     options = parser.parse_args()
     print_machine()

@@ -76,7 +76,7 @@ def study(client: httpx.Client, method: str, seed: int) -> list[object]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Measure maps and studies.")
-    parser.add_argument("--maps", action="store_true", help="maps alone")
+    parser.add_argument("--maps", action="store_true", help="measure only the maps")
     options = parser.parse_args()
     print_machine()
     with service() as server, httpx.Client(base_url=server.url, timeout=120.0, trust_env=False) as client:

@@ -71,7 +71,7 @@ def settings(*, quick: bool) -> list[Setting]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Measure CPU time against error.")
-    parser.add_argument("--quick", action="store_true", help="a few settings")
+    parser.add_argument("--quick", action="store_true", help="use a few fast settings")
     options = parser.parse_args()
     print_machine()
     warm_up()
