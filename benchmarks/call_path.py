@@ -3,10 +3,10 @@
     python benchmarks/call_path.py [--paths]
 
 Counts the files in which a function is called, by `sys.setprofile` on every thread of the server and its event loop,
-for a `POST /cra` that is not cached and for a job of three cases, from its submission to its results. Every request is
-made once before with other numbers, so that nothing is imported or set up meanwhile, and then three times. The one with
-the fewest files counts, because the others include periodic work of the server. The path is printed file by file: each
-line is a file, in the order of first calls, with the number of times that a function in it was called from another
+for a `POST /cra` that is not cached and for a job of three cases, from its submission to its results. Each request is
+first made once with other numbers, so that imports are not counted, and then three times. The run with the fewest
+files is reported, because the others include periodic work of the server. The path is printed file by file: each line
+is a file, in the order of first calls, with the number of times that a function in it was called from another
 file. `--paths` prints every such call. A server that leaves the solver to the workers calls no file of `solver`.
 Workers are other processes and are not counted. Takes a few seconds.
 """

@@ -338,7 +338,7 @@ def disturb(server: Server, data: Path, choice: random.Random, record: Record, k
 
 
 def run_round(owners: list[Owner], seconds: float, disturbances: list[Callable[[], None]]) -> None:
-    """Load the service for a time, and disturb it meanwhile."""
+    """Load the service for a time, with these disturbances at random instants."""
     stop = threading.Event()
     with ThreadPoolExecutor(2 * len(owners)) as threads:
         running = [threads.submit(task, stop) for owner in owners for task in (owner.run_jobs, owner.query)]

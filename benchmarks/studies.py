@@ -81,7 +81,7 @@ def main() -> None:
     print_machine()
     with service() as server, httpx.Client(base_url=server.url, timeout=120.0, trust_env=False) as client:
         print_table(["a map", "cases", "coarse picture", "every cell read"], [draw(client, *each) for each in MAPS])
-        if not options.maps:  # with a seed of its own, each study has new samples, none of which is cached
+        if not options.maps:  # Different seeds give new samples, none of which is cached.
             studies = [study(client, method, seed) for seed, method in enumerate(3 * ("auto", "direct"))]
             print_table(["a study", "samples", "first curve", "answer", "again"], studies)
 

@@ -41,5 +41,5 @@ def process_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def _process_id(_: int) -> int:
-    time.sleep(0.05)  # long enough that every other process takes a call meanwhile
+    time.sleep(0.05)  # The pause lets every other process take a call.
     return os.getpid()

@@ -21,8 +21,8 @@ from hypothesis import HealthCheck, settings
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 ROOT = Path(__file__).parents[1]
-# The first start on a machine compiles the solver: a minute on quiet cores, several beside other tests. The service
-# gives a worker as long to start.
+# The first start on a machine compiles the solver, which takes a minute on idle cores and several beside other tests.
+# The service allows its workers the same time.
 START_LIMIT_S = 600.0
 """Time limit of the start of a service. [s]"""
 STOP_LIMIT_S = 20.0

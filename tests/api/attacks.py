@@ -1,7 +1,7 @@
 """Attacks on a service that requires keys, while another owner sends queries.
 
 An attacker sends up to 200 requests a second, or holds up to `HELD` connections. Attacker and service share one
-machine, so the rate is kept below one that would exhaust the processor.
+machine, so the rate is low enough not to exhaust the processor.
 """
 
 import json

@@ -96,7 +96,7 @@ def test_cached_alternatives_are_not_computed_again(client: httpx.Client) -> Non
     before = misses()
     first = client.post("/cra", json=body | {"alternatives": True})
     assert first.headers["Cache-Status"] == "ricochet; fwd=miss"
-    assert misses() - before == len(LAWS) - 1  # The laws include those of the case (eq. 9, elastic-plastic).
+    assert misses() - before == len(LAWS) - 1  # The laws include the laws of the case (eq. 9, elastic-plastic).
     again = client.post("/cra", json=body | {"alternatives": True})
     assert again.headers["Cache-Status"] == "ricochet; hit"
     assert again.content == first.content

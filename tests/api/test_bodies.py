@@ -12,7 +12,7 @@ from .calibrations import answered, history_at, strike_at
 from .many import ROUGH
 
 LIGHT = PAPER["projectile"] | {"mass_kg": 2.0}
-"""Projectile with a mean density of about 860 kg/m³, less than that of water."""
+"""Projectile with a mean density of about 860 kg/m³, less than water."""
 AT_20 = {"velocity_m_s": 100.0, "oblique_angle_deg": 20.0}
 WALL = PAPER["target"] | {"thickness_m": 0.2}
 SPEED = {"field": "impact.velocity_m_s", "distribution": {"type": "normal", "mean": 100.0, "standard_deviation": 1.0}}

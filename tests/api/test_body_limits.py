@@ -45,7 +45,7 @@ class Route(NamedTuple):
 
 
 def routes() -> Iterator[Route]:
-    """Yield every route with a body, including those of MCP and UM-Bridge, which are not in the contract."""
+    """Yield every route with a body, including MCP and UM-Bridge, which are not in the contract."""
     for path, methods in CONTRACT["paths"].items():
         for method, operation in methods.items():
             for media_type, content in operation.get("requestBody", {}).get("content", {}).items():

@@ -206,7 +206,7 @@ def test_list_of_one_run_gives_the_result_of_a_single_strike(client: httpx.Clien
 
 
 def test_settings_of_a_run_take_precedence_over_the_request(client: httpx.Client, motion: dict[str, Any]) -> None:
-    """A run with its own end time and weights ignores those of the request."""
+    """End time and weights of a run replace the end time and weights of the request."""
     history = motion["history"] | {"rotation_deg": [-angle for angle in motion["history"]["rotation_deg"]]}
     plain = {"impact": motion["impact"], "history": motion["history"]}
     spoiled = {"impact": motion["impact"], "history": history, "weights": {"rotation": 0.0}, "until_s": 0.001}

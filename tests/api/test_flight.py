@@ -1,4 +1,4 @@
-"""Flights over HTTP: by a route of their own, and as part of the answer to a ricochet."""
+"""Flights over HTTP: by a separate route, and as part of the answer to a ricochet."""
 
 import math
 from typing import Any

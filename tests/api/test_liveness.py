@@ -35,7 +35,7 @@ async def keep_busy(url: str) -> set[int]:
     return {answer.status_code for answer in answers}
 
 
-@pytest.mark.slow  # The time limit holds on an otherwise idle machine only.
+@pytest.mark.slow  # The time limit holds only on an otherwise idle machine.
 @pytest.mark.timeout(180)
 def test_liveness_answers_are_quick_while_two_hundred_queries_run(live_url: str) -> None:
     command = [sys.executable, str(POLLER), str(urlsplit(live_url).port)]

@@ -127,7 +127,7 @@ def test_tunnel_is_refused(live_url: str) -> None:
 
 @pytest.mark.parametrize("start", [b"GET /", b"GET /livez HTTP/1.1\r\nHost: localhost\r\nX: "], ids=["path", "header"])
 def test_endless_request_head_is_refused(live_url: str, start: bytes) -> None:
-    """The connection is closed after `LONGEST_HEAD` bytes and what the kernel buffers."""
+    """The connection is closed after `LONGEST_HEAD` bytes, plus the bytes that the kernel buffers."""
     piece, sent = b"x" * 4096, 0
     with connect(live_url) as connection:
         connection.sendall(start)

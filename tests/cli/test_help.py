@@ -45,8 +45,8 @@ LOCAL = [
 SERVED = [words for words in ALL if words[0] in {"batch", "sweep", "jobs"}]
 """Command words whose examples are run with a service."""
 NOT_RUN = {
-    "report": "takes long; tests/reports has it",
-    "uncertainty": "takes long; tests/cli/test_uncertainty.py has others",
+    "report": "takes long; tests/reports runs it",
+    "uncertainty": "takes long; tests/cli/test_uncertainty.py runs other examples",
     "serve": "runs until it is stopped; a fixture starts it",
     "mcp": "runs until it is stopped; tests/api/test_mcp.py starts it",
     "keys": "needs a data folder with a key; tests/api/test_auth.py runs it",

@@ -1,6 +1,6 @@
 """Commands and programs in the documentation work.
 
-Blocks marked `sh run` or `python run` are run as they are, those of a page one after another in one empty folder. For a
+Blocks marked `sh run` or `python run` are run unchanged, all of a page one after another in one empty folder. For a
 page with a block marked `server`, a service is started: its address replaces `localhost:8000`, its data folder is
 `data`, and curl fails for a status of 400 or more. Blocks marked `ts run` are run by
 tests/api/test_typescript_client.py. Any other command has to be in `NOT_RUN`.
@@ -21,38 +21,38 @@ import pytest
 from .blocks import COMMAND_LINE, COMMANDS, PAGES, ROOT, Block, blocks, name_of
 
 NOT_RUN = {
-    "make demo": "what CI runs itself",
-    "make test": "what CI runs itself, and this is part of it",
-    "make setup": "done by all others",
-    "make check": "what CI runs itself",
-    "make sbom": "tests/supply/test_bill_of_materials.py does",
+    "make demo": "CI runs it",
+    "make test": "CI runs it, and these tests are part of it",
+    "make setup": "every other target runs it first",
+    "make check": "CI runs it",
+    "make sbom": "tests/supply/test_bill_of_materials.py runs it",
     "make clients": "tests/api/test_generated_client.py and test_typescript_client.py build the same",
     "make serve": "runs until it is stopped; `server` blocks have a service",
     ". .venv/bin/activate": "done for every block that runs",
-    "pip install ": "what setup does from the lock",
+    "pip install ": "`make setup` installs the same from the lock",
     "npm install ": "tests/api/test_typescript_client.py installs the same from the lock",
-    "npx openapi-typescript ": "tests/api/test_typescript_client.py makes the same types",
-    "npx openapi-ts ": "tests/clients/test_generators.py makes the same functions",
+    "npx openapi-typescript ": "tests/api/test_typescript_client.py generates the same types",
+    "npx openapi-ts ": "tests/clients/test_generators.py generates the same functions",
     "npx openapi-generator-cli ": "downloads its generator, which runs on Java",
-    "datamodel-codegen ": "tests/clients/test_generators.py makes the same models",
-    "curl -s localhost:8000/openapi.json > contract.json": "tests/clients/test_generators.py has it",
+    "datamodel-codegen ": "tests/clients/test_generators.py generates the same models",
+    "curl -s localhost:8000/openapi.json > contract.json": "tests/clients/test_generators.py uses the same contract",
     "from models import ": "tests/clients/test_generators.py runs it",
     "ricochet calibrate depth tests.csv --case strike.toml --uncertain": "tests/cli/test_uncertainty.py runs the same",
     "ricochet uncertainty strike.toml": "tests/cli/test_uncertainty.py runs the same",
     "dask ": "tests/service/dask_cluster.py starts the same",
     "RICOCHET_EXECUTOR=dask ": "needs a scheduler; tests/service/dask_cluster.py starts one",
-    "docker ": "needs an engine; tests/container runs the steps",
+    "docker ": "needs a container engine; tests/container runs the steps",
     **dict.fromkeys(
         ("systemctl ", "mv /var/lib/", "cp -pR /var/", "chown -R ricochet", "chmod 700 /var/", "runuser -u ricochet "),
         "tests/deploy/test_back_up.py runs the same with other paths",
     ),
-    "import umbridge ": "a package that nothing here needs; tests/api/test_umbridge.py queries the same",
-    "config = {": "goes on with the block that imports umbridge",
+    "import umbridge ": "the package is not installed; tests/api/test_umbridge.py sends the same queries",
+    "config = {": "continues the block that imports umbridge",
 }
 """Beginnings of commands and Python programs that are not run here, with the reason."""
 MOST_S = 240.0
 TOLERANCE_DEG = 0.02
-"""Tolerance of printed angles, twice that of the search because the README rounds. [°]"""
+"""Tolerance of printed angles, twice the tolerance of the search because the README rounds. [°]"""
 BIN = Path(sys.executable).parent
 
 

@@ -1,6 +1,6 @@
 """Run services as forks of a process that has imported everything, so that a start takes a tenth of a second.
 
-Each line of JSON on standard input starts a service. It gives the data folder, the port, the log file, the file
+Each JSON line on standard input starts a service. It has the data folder, the port, the log file, the file
 `count`, the number of the call that is to fail, and the fault. For each service two lines are printed: its process id
 and, after its end, its exit status. Unless it was killed, it writes the number of its calls to `count` as it ends.
 """

@@ -80,7 +80,7 @@ def test_jobs_survive_the_end_of_dask_workers(
 
 @contextmanager
 def workers_alone(folder: Path, workers: int, *, nanny: bool) -> Iterator[DaskCluster]:
-    """Run a cluster in which every worker has a supervisor of its own, so that workers can be ended one by one."""
+    """Run a cluster in which every worker has its own supervisor, so that workers can be ended one by one."""
     with dask_cluster(folder, workers=0) as cluster:
         for _ in range(workers):
             cluster.start_workers(1, nanny=nanny)

@@ -71,7 +71,7 @@ def workers_and_settings(executor: str, folder: Path) -> Iterator[tuple[DaskClus
 
 @contextmanager
 def disturbed(folder: Path, settings: dict[str, str]) -> Iterator[RestartableServer]:
-    """Run a service with a temporary folder of its own."""
+    """Run a service with its own temporary folder."""
     with RestartableServer(folder / "disturbed") as server:
         temporary = folder / "temporary"
         temporary.mkdir()

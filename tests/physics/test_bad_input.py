@@ -359,7 +359,7 @@ FUNCTIONS_WITH_RESISTANCE: dict[str, Callable[..., Any]] = {
 
 @pytest.mark.parametrize("name", sorted(FUNCTIONS_WITH_RESISTANCE))
 def test_object_that_is_not_a_resistance_is_refused(name: str) -> None:
-    """Every public function with the argument `resistance` refuses other objects, and says what to pass."""
+    """Every public function with the argument `resistance` refuses other objects and tells what to pass."""
     given: list[tuple[Any, str]] = [
         (MohrCoulomb(), r"give Resistance\(free_surface=MohrCoulomb\(\.\.\.\)\)"),
         (PublishedTests(), r"give Resistance\(strength_factor=PublishedTests\(\.\.\.\)\)"),

@@ -57,7 +57,7 @@ START_S = 300.0
 
 
 class SmallPackage:
-    """A copy of the small package, run with a home directory of its own."""
+    """A copy of the small package, run with its own home directory."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -65,7 +65,7 @@ def find(
     numerics: Numerics | None = None,
     **changes: Any,
 ) -> CriticalAngle:
-    """Search the critical angle of the paper's strike with some changes, near `around` if given. [°]"""
+    """Search for the critical angle of the paper's strike with some changes, near `around` if given. [°]"""
     near: dict[str, Any] = {}
     if around is not None:
         near = {"lower": math.radians(around - half_range), "upper": math.radians(around + half_range)}

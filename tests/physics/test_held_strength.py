@@ -58,7 +58,7 @@ def test_critical_angles_agree_with_an_independent_program(held: float, velocity
 
 @pytest.mark.parametrize("velocity", [238.0, 400.0, 600.0])
 def test_equation_9_is_constant_from_60_degrees_by_default(velocity: float) -> None:
-    """The angle is the same with the defaults given explicitly; above 60° it is that of the constant S = 4.683."""
+    """The angle is the same with the defaults given explicitly; above 60° it is the angle for a constant S of 4.683."""
     plain = angle_of(ObliquityPolynomial(), velocity)
     assert plain == angle_of(ObliquityPolynomial(coefficients=EQUATION_9_COEFFICIENTS), velocity)
     assert plain == angle_of(ObliquityPolynomial(held_from=math.radians(60.0)), velocity)

@@ -474,7 +474,7 @@ MISSED = {
     ("blocked", "used"), [(list(MISSED), ["matplotlib", "pandas", "xarray"]), (["matplotlib"], ["pandas", "xarray"])]
 )
 def test_missing_package_is_named_only_by_functions_that_need_it(blocked: list[str], used: list[str]) -> None:
-    """Packages are unblocked one by one; each step works without those that are still blocked."""
+    """Packages are unblocked one by one; each step works without the packages that are still blocked."""
     command = [sys.executable, "-W", "error", "-c", EVERYTHING.format(blocked=blocked, used=used)]
     ended = subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | {"MPLBACKEND": "agg"})
     assert ended.returncode == 0, ended.stderr

@@ -26,7 +26,7 @@ async def running(
     clock: Clock = SYSTEM,
     **settings: Any,
 ) -> AsyncIterator[JobManager]:
-    """Run a job manager with these operations, by default only that of `questions`."""
+    """Run a job manager with these operations, by default only the operation of `questions`."""
     with ResultCache(folder / "data", memory_bytes=50_000_000, disk_bytes=10**9) as cache:
         queries = QueryService(cache, executor, operations or {"square": SQUARE})
         jobs = JobStore(folder / "data", job_days=7.0, operations=queries.operations, clock=clock)

@@ -45,7 +45,7 @@ def index_of(folder: Path) -> Path:
 
 
 def segments_in(folder: Path) -> list[str]:
-    """Return the names of all segments. `Path.rglob` would raise an error if a folder disappears meanwhile."""
+    """Return the names of all segments. `Path.rglob` would raise an error if a folder disappeared."""
     return sorted(name for _, _, names in os.walk(folder / "results" / "segments") for name in names)
 
 

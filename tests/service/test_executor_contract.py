@@ -90,7 +90,7 @@ def traced_patience(trace: Path) -> str:
 
 
 def traced_destructor(trace: Path) -> str:
-    """Return the same code in a destructor, where Python ignores exceptions such as that of a signal handler."""
+    """Return the same code in a destructor, where Python ignores exceptions, even if a signal handler raises them."""
     patience = traced_patience(trace)
     return f"class Patient:\n    def __del__(self): {patience}\nPatient()\nimport time; time.sleep(1000.0)"
 

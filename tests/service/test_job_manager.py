@@ -311,7 +311,7 @@ async def test_small_job_of_an_owner_overtakes_a_large_one(pool: ProcessPool, tm
 
 
 async def test_place_and_wait_of_a_job_include_the_work_before_it(pool: ProcessPool, tmp_path: Path) -> None:
-    """A small job does not wait for large ones of its owner and, as owners take turns, little for those of others."""
+    """A small job overtakes large jobs of its owner and, because owners take turns, waits little for other owners."""
     async with running(tmp_path, pool) as manager:
         sizes = (("anna", 4000), ("anna", 2000), ("bert", 4000), ("anna", 20))
         jobs = []

@@ -31,7 +31,7 @@ LAW = Resistance(strength_factor=PublishedTests())
 BETWEEN, WITHIN = PublishedTests.between_series, PublishedTests.within_series
 STRENGTH = 0.05
 SHARE = (1.0 - 0.18) * STRENGTH
-"""Part of the dispersion of S f'c that comes from the strength, by the exponent of the law. [ln]"""
+"""Part of the dispersion of S f'c that comes from the strength, which follows from the exponent of the law. [ln]"""
 
 
 def study(uncertain: Sequence[Uncertain], law: Resistance = LAW, method: str = "auto") -> AngleUncertainty:

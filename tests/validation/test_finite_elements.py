@@ -81,7 +81,7 @@ def test_each_run_is_fitted_until_its_nose_tip_is_deepest(found: Mapping[Mesh, C
 
 
 def test_normalised_root_mean_squares_agree_with_a_separate_calculation(found: Mapping[Mesh, Calibration]) -> None:
-    """Without decay only a lower limit is tested, because the separate calculation gives 0.216, and this one 0.174."""
+    """Without decay only a lower limit is tested, because the separate calculation gives 0.216, and ours 0.174."""
     rms = {law: found["coarse"].normalized_root_mean_square(law) for law in (*LAWS, NO_DECAY)}
     assert rms["mohr_coulomb"] == pytest.approx(0.051, abs=0.001)
     assert rms["elastic_plastic"] == pytest.approx(0.090, abs=0.001)

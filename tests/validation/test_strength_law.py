@@ -220,7 +220,7 @@ def test_solver_uses_the_constants_and_the_range_of_the_fit(section: Section) ->
 
 
 def test_interval_after_one_own_shot_contains_the_others_of_its_series() -> None:
-    """`OwnTests` is given each shot of a series alone, and its 90 % interval is compared with the other shots."""
+    """`OwnTests` gets each shot of a series alone; its 90 % interval is compared with the other shots."""
     shares, widths = [], []
     for name in {shot.series for shot in counted_shots()}:
         members = [shot for shot in counted_shots() if shot.series == name]
