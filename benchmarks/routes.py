@@ -76,7 +76,7 @@ def times(contender: Contender, script: Contender) -> list[str]:
 
 
 def print_angles(angles: list[Contender], references: References) -> None:
-    """Print times of the critical angle, and its errors by outcome and by the criterion of each search."""
+    """Print times of the critical angle, and its errors by outcome and by the criterion that the search uses."""
     rows = []
     for contender in angles:
         answer = contender.answer

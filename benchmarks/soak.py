@@ -233,7 +233,7 @@ class Owner:
             self.record.counts["events"] += sum(line.startswith("data:") for line in stream.iter_lines())
 
     def read_lines(self, job: Job) -> list[dict[str, Any]]:
-        """Read all results that are ready as JSON lines."""
+        """Read, as JSON lines, all results that are ready."""
         content = self.get(job.state["links"]["results"], JSONL).content
         return [orjson.loads(line) for line in content.splitlines()]
 

@@ -18,7 +18,7 @@ SHOWN = {
     "walls-1440-light": ("walls.png", 1240),
     "map-outcomes-1440-light": ("map.png", 1320),
 }
-"""Screenshots for README and manual: file name, and height with the part that the text describes. [px]"""
+"""Screenshots for README and manual: file name, and height of the part to show. [px]"""
 SIZES = {1440: 900, 390: 844}
 THEMES: tuple[Literal["light", "dark"], ...] = ("light", "dark")
 MAP = "x=impact.velocity_m_s,150,450,30&y=target.compressive_strength_pa,20000000,60000000,30"

@@ -260,7 +260,7 @@ def effect_of(attack: Attack, target: Target, token: str, attacker_token: str) -
 
 
 def query(target: Target, token: str, more: Callable[[], bool]) -> int:
-    """Request cached and new angles in turn, at least `QUERIES` and while `more()` is true; return how many."""
+    """Request at least `QUERIES` angles, alternately cached and new, while `more()` is true; return their number."""
     connection = HTTPConnection("127.0.0.1", target.port, timeout=60.0)
     headers = {"Content-Type": "application/json", "Authorization": f"Bearer {token}"}
     answered = 0

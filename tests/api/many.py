@@ -72,14 +72,14 @@ def finished(client: httpx.Client, job: dict[str, Any]) -> dict[str, Any]:
 
 
 def rows_at(client: httpx.Client, address: str) -> list[dict[str, str]]:
-    """Request an address as CSV; return the rows."""
+    """Request a URL as CSV; return the rows."""
     answer = client.get(address, headers={"Accept": "text/csv"})
     assert answer.headers["Content-Type"] == "text/csv; charset=utf-8", answer.text
     return list(csv.DictReader(io.StringIO(answer.text, newline="")))
 
 
 def file_at(client: httpx.Client, address: str) -> h5py.File:
-    """Request an address as HDF5; return the open file."""
+    """Request a URL as HDF5; yield the open file."""
     answer = client.get(address, headers={"Accept": "application/x-hdf5"})
     assert answer.headers["Content-Type"] == "application/x-hdf5", answer.text
     return h5py.File(io.BytesIO(answer.content))

@@ -38,7 +38,7 @@ def strike(speed: float) -> dict[str, Any]:
 
 @contextmanager
 def service_in(folder: Path) -> Iterator[TestClient]:
-    """Run a service with this data folder in the process of the test; return a client."""
+    """Run a service with this data folder in this process; yield a client."""
     settings = Settings(data_dir=folder, executor="in-process", access="open")
     with TestClient(create_app(settings)) as client:
         yield client

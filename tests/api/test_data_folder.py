@@ -37,7 +37,7 @@ CASES = {
 
 @contextmanager
 def service_in(folder: Path, clock: Clock | None = None, **settings: Any) -> Iterator[TestClient]:
-    """Run a service with this data folder in the process of the test; return a client."""
+    """Run a service with this data folder in this process; yield a client."""
     values: dict[str, Any] = {"data_dir": folder, "executor": "in-process", "access": "open"} | settings
     configured = Settings(**values)
     app = create_app(configured) if clock is None else create_app(configured, clock)

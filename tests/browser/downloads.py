@@ -15,5 +15,5 @@ def saved(page: Page, button: Locator, path: Path) -> str:
 
 
 def data_rows(path: Path) -> list[dict[str, str]]:
-    """Return the rows of a CSV file that begins with lines of comments."""
+    """Return the rows of a CSV file that begins with comment lines."""
     return list(csv.DictReader(line for line in path.read_text().splitlines() if not line.startswith("# ")))

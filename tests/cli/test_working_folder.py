@@ -21,7 +21,7 @@ CASES = 10
 
 @pytest.fixture
 def folder_with_modules(tmp_path: Path) -> Path:
-    """Folder of modules that have names of Python's and this project's modules, and create a file if imported."""
+    """Folder with modules named like modules of Python and of this project; each creates a file when it is imported."""
     folder = tmp_path / "work"
     folder.mkdir()
     for name in MODULES:

@@ -129,7 +129,7 @@ def without_protrusion() -> Numbers:
 
 
 def protrusion(thickness: float) -> float:
-    """Return how far the nose is out of the rear face of a wall after normal impact. [mm]"""
+    """Return how far the nose protrudes from the rear face of a wall after normal impact. [mm]"""
     found = run(0.0, target=wall(thickness)).protrusion
     assert found is not None
     return 1e3 * found.greatest

@@ -1,5 +1,5 @@
-"""Many clients download the results of a job at once, or disconnect: the service needs little memory, and stops
-downloads without a client."""
+"""Many clients download the results of a job at once, or disconnect: the service needs little memory, and stops a
+download when its clients have left."""
 
 import shutil
 import time

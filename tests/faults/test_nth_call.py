@@ -103,7 +103,7 @@ class Service:
 
     @property
     def is_running(self) -> bool:
-        """Whether the process has not ended; a zombie counts as ended."""
+        """Whether the process is running; a zombie is not."""
         with suppress(OSError):
             return Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
         return False

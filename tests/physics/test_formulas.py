@@ -153,7 +153,7 @@ def test_constant_of_ace_agrees_with_us_units() -> None:
 
 
 def test_hughes_has_factors_for_flat_blunt_spherical_and_sharp_noses() -> None:
-    """Factors 1, 1.12, 1.26 and 1.39 by Leppänen, Chalmers publication 02:4, appendix C, and a second source."""
+    """Leppänen (Chalmers publication 02:4, appendix C) and a second source print the factors 1, 1.12, 1.26 and 1.39."""
     flat, *others = (
         hughes(projectile=replace(PAPER, nose=nose), target=PAPER_TARGET, impact=normal(238.0)).penetration_depth
         for nose in NOSES
@@ -372,7 +372,7 @@ def test_strike_along_the_face_is_refused() -> None:
 
 @pytest.mark.parametrize("ratio", [0.0, 0.4, 10.0])
 def test_reinforcement_changes_no_result(ratio: float) -> None:
-    """No implemented formula uses reinforcement. The UKAEA formula for perforation does, but has no open source."""
+    """No implemented formula uses reinforcement; the UKAEA formula for perforation, which does, has no open source."""
     plain: dict[str, Any] = {"projectile": PAPER, "impact": Impact(velocity=238.0, oblique_angle=0.0)}
     reinforced = replace(PAPER_TARGET, thickness=0.2, reinforcement_ratio_percent=ratio)
     wall = replace(PAPER_TARGET, thickness=0.2)

@@ -221,7 +221,7 @@ def test_panel_areas_converge_to_the_surface_area_with_the_square_of_their_size(
 
 
 def brute_force_reach(projectile: Projectile, center: float, axis_angle: float) -> float:
-    """Return the greatest depth below the centre of gravity of many points on the lower and upper meridian. [m]"""
+    """Return how far the deepest of many points on both meridians lies below the centre of gravity. [m]"""
     t = np.linspace(0.0, 1.0, 20_001)
     reach = -math.inf
     for piece in projectile.outline():

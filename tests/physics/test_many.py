@@ -46,7 +46,7 @@ def test_many_critical_angles_equal_single_ones(threads: int) -> None:
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_many_trajectories_equal_single_ones(threads: int) -> None:
-    """There are more trajectories than the function computes before its caller takes the first."""
+    """There are more trajectories than the function computes in advance."""
     impacts = [Impact(velocity=238.0, oblique_angle=math.radians(0.5 * number)) for number in range(150)]
     numerics = Numerics(relative_tolerance=1e-2, stations=3)
     many = simulate_many(**CASE, impact=impacts, numerics=numerics, threads=threads)

@@ -85,7 +85,7 @@ async def test_twenty_queries_survive_the_death_of_a_worker(pool: ProcessPool) -
 
 
 async def test_kill_of_a_worker_at_any_instant_loses_no_result(pool: ProcessPool) -> None:
-    """Results have 20 MB, so that many kills happen while one is being sent."""
+    """Each result has a size of 20 MB, so that many kills happen while one is being sent."""
     instants = random.Random(0)  # noqa: S311
     for _ in range(12):
         queries = [asyncio.ensure_future(pool.submit(np.ones, 2_500_000)) for _ in range(2)]

@@ -43,7 +43,7 @@ def test_logarithm_of_log_student_t_has_students_distribution() -> None:
 
 
 def test_log_student_t_without_a_deviation_has_the_dispersion_of_its_central_part() -> None:
-    """The dispersion is the width of the central 90 % over 3.29, as for a normal distribution."""
+    """The dispersion is the width of the central 90 % divided by 3.29, as for a normal distribution."""
     reference = stats.t(2.0, 0.0, 0.01)
     central = reference.ppf(0.95) - reference.ppf(0.05)
     found = LogStudentT(median=1.0, scale=0.01, degrees_of_freedom=2.0).dispersion
