@@ -123,7 +123,7 @@ async def seconds_for_chunks(address: str, workers: int) -> float:
     try:
         while executor.cluster.capacity < workers:
             await executor.cluster.changed.wait()
-        await asyncio.gather(*(executor.run([(time.sleep, (0.0,))]) for _ in range(4 * workers)))  # warm up their pools
+        await asyncio.gather(*(executor.run([(time.sleep, (0.0,))]) for _ in range(4 * workers)))  # Warms up the pools.
         begin = time.perf_counter()
         found = await asyncio.gather(*(executor.run([(time.sleep, (SLEEP_SECONDS,))]) for _ in range(SLEEPS * workers)))
         seconds = time.perf_counter() - begin

@@ -122,7 +122,7 @@ def measure_rates(server: Server, seconds: float) -> list[list[str]]:
     with empty_service() as empty:
         for connections in (1, 8):
             rates: dict[int, list[float]] = {server.port: [], empty.port: []}
-            for _ in range(RATE_ROUNDS + 1):  # the first round only warms up and is not counted
+            for _ in range(RATE_ROUNDS + 1):  # The first round only warms up and is not counted.
                 for port, request in ((server.port, known), (empty.port, raw_request("GET", "/empty"))):
                     rate = requests_per_second(port, request, connections=connections, seconds=seconds)
                     rates[port].append(rate)
@@ -169,7 +169,7 @@ def main() -> int:
     rows, total = list[list[str]](), 0
     with process_pool(WORKERS) as pool, service(workers=str(WORKERS)) as server:
         with polled(server) as poller:
-            measure_batch(server, pool, 10 * CHUNK, 1)  # warm up
+            measure_batch(server, pool, 10 * CHUNK, 1)  # This warms up the workers.
             for number, count in enumerate([200] if options.quick else options.cases, 2):
                 poller.send(True)
                 poller.recv()

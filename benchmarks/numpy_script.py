@@ -40,7 +40,7 @@ STEP, STEPS = 1e-5, 500
 SHANK = DIAMETER / 2.0
 NOSE_LENGTH = SHANK * math.sqrt(4.0 * CALIBER_RADIUS_HEAD - 1.0)
 OGIVE_RADIUS = CALIBER_RADIUS_HEAD * DIAMETER
-PLASTIC_RATIO = (2.0 * YOUNGS_MODULUS / (3.0 * STRENGTH)) ** (1.0 / 3.0)  # incompressible: Poisson's ratio 1/2
+PLASTIC_RATIO = (2.0 * YOUNGS_MODULUS / (3.0 * STRENGTH)) ** (1.0 / 3.0)  # Poisson's ratio is 1/2.
 
 
 class Panels(NamedTuple):
@@ -122,7 +122,7 @@ def derivative(state: Floats, body: Body, static_stress: float) -> Floats:
     if loaded.size == 0:
         return np.array([sinking, sliding, turning, 0.0, 0.0, 0.0])
     facing, speed = normal_depth[loaded], speed[loaded]
-    with np.errstate(divide="ignore", invalid="ignore"):  # values that are not finite are replaced just below
+    with np.errstate(divide="ignore", invalid="ignore"):  # Values that are not finite are replaced below.
         ratio = 1.0 - inside[loaded] / (facing * p.cavity[loaded])
         factor = np.where(facing < 0.0, decay(ratio), 1.0)
     push = factor * (static_stress + DENSITY * speed**2) * p.area[loaded]

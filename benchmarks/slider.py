@@ -67,7 +67,7 @@ def main() -> None:
         page.goto("/#/explore")
         expect(page.locator(".side-view .drawing svg").first).to_be_visible(timeout=60_000)
         page.wait_for_load_state("networkidle")
-        found = [step(page, server.url, 150.0 + 3.0 * number) for number in range(10 + steps)][10:]  # warmed up by ten
+        found = [step(page, server.url, 150.0 + 3.0 * number) for number in range(10 + steps)][10:]  # Ten warm up.
         head = [f"{steps} steps, Chromium {browser.version}", "median", "95th percentile", "slowest"]
     rows = []
     for name, times in zip(("side view", "right angle"), list(zip(*found, strict=True))[:2], strict=True):

@@ -295,7 +295,7 @@ def processes_of(data: Path) -> dict[int, int]:
     """Return the processes of the service with this data folder, and their parents."""
     found = {}
     for path in Path("/proc").iterdir():
-        with suppress(OSError, ValueError, IndexError):  # the process has ended, or belongs to another user
+        with suppress(OSError, ValueError, IndexError):  # It has ended, or belongs to another user.
             if f"RICOCHET_DATA_DIR={data}".encode() in (path / "environ").read_bytes().split(b"\0"):
                 found[int(path.name)] = int((path / "stat").read_text().rpartition(")")[2].split()[1])
     return found

@@ -13,12 +13,12 @@ from SALib.analyze import sobol as indices
 from SALib.sample import sobol as points
 
 ADDRESS = "http://127.0.0.1:8000"
-BASE_SAMPLES = 64  # a power of two
+BASE_SAMPLES = 64  # SALib needs a power of two.
 PROBLEM: dict[str, Any] = {
     "num_vars": 2,
     "names": ["velocity", "compressive strength"],
     "dists": ["norm", "norm"],
-    "bounds": [[238.0, 2.4], [39.0, 4.7]],  # mean and standard deviation [m/s], [MPa]
+    "bounds": [[238.0, 2.4], [39.0, 4.7]],  # Mean and standard deviation in m/s and MPa.
 }
 
 

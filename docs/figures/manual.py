@@ -121,7 +121,7 @@ def angles(axes: Axes) -> None:
     depth = -body[:, 0] * math.cos(axis_angle) - body[:, 1] * math.sin(axis_angle)
     axes.axhspan(0.0, 0.3, color=style.CONCRETE, zorder=0)
     axes.axhline(0.0, color=style.FACE, linewidth=1.2)
-    lift = float(depth.max())  # the deepest point touches the face
+    lift = float(depth.max())  # The deepest point touches the face.
     axes.fill(lateral, depth - lift, facecolor="#dbe4ef", edgecolor=style.MODEL, linewidth=1.3)
     center = mass_properties(PAPER_PROJECTILE).center_of_gravity
     x, y = -center * math.sin(axis_angle), -center * math.cos(axis_angle) - lift
@@ -146,7 +146,7 @@ def angles(axes: Axes) -> None:
         axes.add_patch(Arc((x, y), 2 * radius, 2 * radius, theta1=low, theta2=high, color="#3c444c", linewidth=0.9))
         middle = 0.5 * (begin + end_angle)
         at = (x + (radius + 0.022) * math.sin(middle), y + (radius + 0.022) * math.cos(middle))
-        if label.startswith("φ"):  # near the start of its arrow: the other two labels are near the middle
+        if label.startswith("φ"):  # The labels of the other two arrows are near the middle.
             at = (x - 0.075, y + radius - 0.012)
         axes.text(*at, label, ha="center", va="center", fontsize=11)
     for end, label, at in (((0.41, 0.0), "y, lateral", (0.33, -0.016)), ((0.31, 0.1), "x, depth", (0.325, 0.085))):

@@ -79,7 +79,7 @@ def rows_at(client: httpx.Client, address: str) -> list[dict[str, str]]:
 
 
 def file_at(client: httpx.Client, address: str) -> h5py.File:
-    """Request a URL as HDF5; yield the open file."""
+    """Request a URL as HDF5; return the open file."""
     answer = client.get(address, headers={"Accept": "application/x-hdf5"})
     assert answer.headers["Content-Type"] == "application/x-hdf5", answer.text
     return h5py.File(io.BytesIO(answer.content))

@@ -159,7 +159,7 @@ def test_event_stream_ends_when_its_key_is_revoked(guarded: Guarded) -> None:
 
 
 def test_expired_key_is_refused(guarded: Guarded) -> None:
-    with guarded.with_key("fred", days=1e-5) as fred:  # about 0.9 s
+    with guarded.with_key("fred", days=1e-5) as fred:  # This is about 0.9 s.
         until(lambda: not is_known(fred))
         problem_of(fred.get("/jobs"), 401)
 

@@ -200,7 +200,7 @@ def test_unsupported_format_is_not_acceptable(client: httpx.Client, search: dict
 def test_answers_have_the_formats_of_stored_results(
     client: httpx.Client, path: str, body: dict[str, Any], form: dict[str, str]
 ) -> None:
-    answer = client.post(path, json=body, headers=form)  # computed, then cached
+    answer = client.post(path, json=body, headers=form)  # The first answer is computed, the next are cached.
     for accepted in (form, {"Accept": f"{form['Accept']}, */*;q=0.1"}):
         answer = client.post(path, json=body, headers=accepted).raise_for_status()
         assert answer.headers["Content-Type"].partition(";")[0] == form["Accept"]

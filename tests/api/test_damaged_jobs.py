@@ -149,7 +149,7 @@ def test_damaged_column_affects_only_its_own_job(
         changed = database.execute(f"UPDATE {table} SET {column} = ? WHERE {place}", (junk, ids[kind])).rowcount  # noqa: S608
     assert changed == 1
     with service_in(folder) as client:
-        if (column, junk) == ("expires", -1):  # a valid date
+        if (column, junk) == ("expires", -1):  # This is a valid date.
             assert len(client.get("/jobs").json()["jobs"]) == 2
             return
         check_others(client, ids, kind)

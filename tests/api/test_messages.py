@@ -518,7 +518,7 @@ def test_case_in_a_batch_is_refused_like_a_single_one(client: httpx.Client, path
     Errors that only the solver detects do not refuse the batch, but become the result of the case.
     """
     for of, place, value in changes():
-        if of != path or place.endswith(("alternatives", "sample_interval_s")):  # fields that batches do not have
+        if of != path or place.endswith(("alternatives", "sample_interval_s")):  # Batches lack these fields.
             continue
         body = body_with(of, place, value)
         alone = client.post(path, content=body, headers=TEXT).json()["errors"]

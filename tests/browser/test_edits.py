@@ -107,7 +107,7 @@ def check_shown(page: Page, client: httpx.Client) -> None:
     assert f"{body['impact']['oblique_angle_deg']:g}°" in figures
 
 
-@pytest.mark.timeout(900)  # slow strikes, whose verdicts wait behind other tests on a busy machine
+@pytest.mark.timeout(900)  # Verdicts on slow strikes wait behind other tests on a busy machine.
 @pytest.mark.parametrize("speeds", [("0.5", "3000", "0.5", "238"), ("3000", "1", "2500", "0.7")])
 def test_speeds_can_be_entered_in_any_order(page: Page, faults: list[str], speeds: tuple[str, ...]) -> None:
     open_explore(page)

@@ -191,7 +191,7 @@ def test_other_laws_include_this_strike_and_its_angle(page: Page) -> None:
     expect(rows).to_have_count(11)
     for degrees in ("45", "55"):
         page.get_by_label("Oblique angle", exact=True).fill(degrees)
-        expect(page.locator(".laws-table")).to_have_attribute("aria-busy", "true")  # while it shows the previous strike
+        expect(page.locator(".laws-table")).to_have_attribute("aria-busy", "true")  # It shows the old strike.
         expect(page.locator(".laws-table")).not_to_have_attribute("aria-busy", "true")
         for row in rows.all():
             _, _, angle, outcome, fitted_to = row.locator("td").all_inner_texts()
@@ -298,7 +298,7 @@ def test_hidden_histories_are_drawn_after_the_inputs_have_settled(page: Page) ->
 
     def after_the_side_view(speed: int) -> float:
         count = len(page.evaluate(later))
-        slider.evaluate(move, speed)  # `fill` would scroll to it
+        slider.evaluate(move, speed)  # `fill` would scroll to the slider.
         page.wait_for_function(f"count => ({later})().length > count", arg=count)
         found: float = page.evaluate(later)[-1]
         return found

@@ -54,7 +54,7 @@ def test_first_picture_needs_at_most_a_quarter_of_a_megabyte(page: Page) -> None
     session.send("Network.enable")
     sizes: list[float] = []
     session.on("Network.loadingFinished", lambda event: sizes.append(event["encodedDataLength"]))
-    throttle(session, SLOW_BYTES_PER_S)  # slow enough that files requested later also arrive later
+    throttle(session, SLOW_BYTES_PER_S)  # On this line, files requested later also arrive later.
     page.goto("/", wait_until="commit")
     page.locator(READY).wait_for()
     assert sum(sizes) <= 250_000

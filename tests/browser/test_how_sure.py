@@ -194,7 +194,7 @@ def test_lost_submission_is_repeated(page: Page, faults: list[str]) -> None:
     page.route("**/cra/uncertainty", lambda route: route.abort())
     page.goto(f"/#/how-sure?{TWO}")
     expect(page.get_by_role("alert").filter(has_text="The service does not answer.")).to_be_visible()
-    page.wait_for_timeout(9_000)  # more than five tries
+    page.wait_for_timeout(9_000)  # This allows more than five tries.
     page.unroute("**/cra/uncertainty")
     wait(page)
     expect(page.get_by_role("alert").filter(has_text="The service does not answer.")).to_have_count(0)
@@ -237,7 +237,7 @@ def test_study_reruns_automatically_and_marks_the_old_numbers(page: Page) -> Non
     dispersion = page.get_by_label("Dispersion")
     dispersion.fill("0.2")
     expect(stale).to_have_count(1)
-    wait(page)  # without a click
+    wait(page)  # No click is needed.
     expect(stale).to_have_count(0)
     page.get_by_text("The case", exact=True).click()
     page.get_by_role("textbox", name="Speed", exact=True).fill("-5")

@@ -87,7 +87,7 @@ def test_printed_sheets_are_dark_on_white_within_their_margins(
         outside[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX] = 255
         assert outside.min() >= 250, "nothing is beyond the margins"
         assert np.median(grey) == 255, "the sheet is white"
-        ink = np.mean(inside < 128)  # dark pixels: text, lines and the colours of a map
+        ink = np.mean(inside < 128)  # Text, lines and the colours of a map are dark.
         assert (0.002 if number < len(sheets) else 0.0) < ink < 0.35
 
 

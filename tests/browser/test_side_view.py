@@ -119,7 +119,7 @@ def test_perforated_wall_has_a_hole_through_to_its_rear_face(page: Page) -> None
     assert max(depth) == pytest.approx(0.2)
     across = [x for x, y in zip(along, depth, strict=True) if abs(y - 0.2) < 1e-9]
     assert 0.08 < max(across) - min(across) < 0.16, "a shank of 80 mm went through at a slant"
-    for thickness in ("", "5000"):  # no wall, and one whose rear face is far outside the picture
+    for thickness in ("", "5000"):  # The rear face is absent, or far outside the picture.
         page.get_by_label("Thickness").fill(thickness)
         page.wait_for_function(IDLE)
         assert "rear face" not in words(page)

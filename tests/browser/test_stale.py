@@ -21,7 +21,7 @@ def test_invalid_field_removes_the_numbers(page: Page) -> None:
     speed(page).fill("-5")
     expect(page.locator(".angle")).to_have_count(0)
     expect(page.locator("[data-outcome]")).to_have_count(0)
-    picture = page.locator(".side-view.cleared[aria-busy=true]")  # the picture of the previous inputs
+    picture = page.locator(".side-view.cleared[aria-busy=true]")  # It shows the previous inputs.
     expect(picture.locator(".drawing")).to_be_visible()
     expect(page.locator("#status")).to_have_text("A field is not accepted. Nothing is computed.")
     speed(page).fill("250")
@@ -181,7 +181,7 @@ def test_paper_searches_start_when_opened_and_stop_when_inputs_change(page: Page
 
     def hold_first(route: Route) -> None:
         if method(route.request) == "bisection" and not held:
-            held.append(route)  # not answered, so that it is pending until the page aborts it
+            held.append(route)  # Unanswered, it is pending until the page aborts it.
         else:
             route.continue_()
 

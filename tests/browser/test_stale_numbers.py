@@ -84,7 +84,7 @@ def check(page: Page, label: str, values: list[str], finish: Callable[[Page], No
     assert sum(bool(seen.get(inputs)) for inputs in found) >= 2, "numbers without a mark are seen"
 
 
-@pytest.mark.timeout(900)  # eleven laws for each of five walls, which wait behind other tests on a busy machine
+@pytest.mark.timeout(900)  # Eleven laws for each of five walls wait behind other tests on a busy machine.
 def test_explore(page: Page) -> None:
     pinned = "pin=impact.velocity_m_s%3D300&target.thickness_m=0.5"
     page.goto(f"/#/explore?impact.oblique_angle_deg=55&impact.angle_of_attack_deg=1&{pinned}")

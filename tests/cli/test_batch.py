@@ -165,7 +165,7 @@ def test_terminal_shows_the_first_rows_of_a_table_instead_of_json(folder: Path, 
     assert "│" in shown.out
     assert "velocity m/s" in shown.out
     assert "and 6 more; --csv or --json prints all" in shown.out
-    assert "computing" in shown.out  # the progress bar
+    assert "computing" in shown.out  # This is the progress bar.
     assert '"index"' not in shown.out
     piped = run(folder, *args)
     assert len(items_of(piped.out)) == 26

@@ -245,7 +245,7 @@ def read_until(terminal: int, text: str | None) -> str:
         assert time.monotonic() < deadline, shown
         try:
             shown += os.read(terminal, 65536)
-        except OSError:  # the process has ended
+        except OSError:  # The process has ended.
             assert text is None, shown
             break
     return shown.decode()

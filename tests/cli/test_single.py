@@ -193,7 +193,7 @@ def test_tables_have_only_significant_digits(
     first, second = csv.DictReader(capsys.readouterr().out.splitlines())
     assert first["critical_angle_deg"].startswith(shown)
     assert (len(first["critical_angle_deg"]) > len(shown)) is (digits[-1:] == ["all"])
-    assert second["impact.velocity_m_s"] == "239.123456789"  # unchanged
+    assert second["impact.velocity_m_s"] == "239.123456789"  # Inputs keep their digits.
 
 
 def test_terminal_shows_the_angle_before_its_range(folder: Path) -> None:

@@ -51,7 +51,7 @@ def image(tmp_path_factory: pytest.TempPathFactory, wheels: Path) -> Iterator[Co
     try:
         yield build(STAGES, folder, wheels)
     finally:
-        shutil.rmtree(folder)  # takes some gigabytes
+        shutil.rmtree(folder)  # It takes some gigabytes.
 
 
 @contextmanager

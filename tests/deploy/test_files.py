@@ -151,7 +151,7 @@ def test_deployment_has_settings_probes_and_replaces_its_only_pod(
     assert pod["terminationGracePeriodSeconds"] > settings.grace_seconds
     mounts = {mount["mountPath"]: mount["name"] for mount in container["volumeMounts"]}
     compiled_code = mounts[IMAGE.environment()["XDG_CACHE_HOME"]]
-    assert {"name": compiled_code, "emptyDir": {"sizeLimit": "256Mi"}} in pod["volumes"]  # the root is read-only
+    assert {"name": compiled_code, "emptyDir": {"sizeLimit": "256Mi"}} in pod["volumes"]  # The root is read-only.
     claims = [volume["persistentVolumeClaim"]["claimName"] for volume in pod["volumes"] if "emptyDir" not in volume]
     assert claims == [KINDS["PersistentVolumeClaim"]["metadata"]["name"]]
     assert KINDS["Service"]["spec"]["selector"] == deployment["template"]["metadata"]["labels"]

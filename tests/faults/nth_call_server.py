@@ -41,7 +41,7 @@ def serve(order: dict[str, Any]) -> int:
         Server(create_app(settings), settings).run()
     except SystemExit:
         pass
-    except (UnusableFolderError, ExecutorError, OSError) as error:  # like `ricochet serve`
+    except (UnusableFolderError, ExecutorError, OSError) as error:  # `ricochet serve` does the same.
         logging.getLogger(__name__).warning("not started: %s", error)
         status = NOT_STARTED
     library.nth_call_count.restype = ctypes.c_long

@@ -242,7 +242,7 @@ def test_computation_repeated_in_another_thread_gives_the_same_result() -> None:
 
 
 def test_compiled_entry_points_return_only_numbers_and_plain_tuples() -> None:
-    """To return other objects, numba runs Python code, and an exception raised there by a signal handler would crash it."""
+    """To return other objects, numba runs Python code, where an exception from a signal handler causes a crash."""
     solver.warm_up()
     entry_points = [function.dispatcher for function in compilation.FUNCTIONS if function.is_entry_point]
     assert entry_points

@@ -134,7 +134,7 @@ def test_li_chen_projectile_stops_at_a_smaller_depth_than_with_a_crater() -> Non
 
     static = 12.0 * LI_CHEN_TARGET.compressive_strength * area
     crater_static = 0.5 * LI_CHEN.mass * 277.0**2 / static + LI_CHEN.diameter
-    rest = 1e-4 * 0.5 * LI_CHEN.mass * 277.0**2 / static  # distance from the end of a run to rest
+    rest = 1e-4 * 0.5 * LI_CHEN.mass * 277.0**2 / static  # This is the distance from the end of a run to rest.
     ours_static = li_chen_strike(inertia_factor=0.0).final.nose_tip_depth + rest
     assert crater_static - ours_static == pytest.approx(shift, rel=1e-3)
 

@@ -161,7 +161,7 @@ def test_adaptive_step_error_falls_with_its_tolerance() -> None:
 def test_panels_converge_with_the_square_of_their_size_to_the_gauss_points() -> None:
     """The whole surface is loaded here. Where the face cuts panels, convergence is of first order, with scatter."""
     start, gauss = deep_inside(Numerics(stations=32, points=32))
-    gauss = gauss._replace(law=gauss.law._replace(ramp_velocity=1e-9))  # the panels have no ramp
+    gauss = gauss._replace(law=gauss.law._replace(ramp_velocity=1e-9))  # Panels have no ramp.
     expected = sample_loads(start[None], gauss)[0]
     counts = np.array([500, 2_000, 8_000, 32_000])
     errors = []

@@ -122,7 +122,7 @@ def test_every_number_of_a_report_is_in_the_answers_of_the_service(
         places = len(text.partition(".")[2].partition("e")[0])
         exact = float(value) * float(factor)
         if "stress" in pointer and body.get("units"):
-            places = -2  # hundreds of psi in place of whole MPa
+            places = -2  # Stresses are in hundreds of psi instead of whole MPa.
         is_limit = "thickness" in pointer and "/case/" not in pointer
         step = 10.0**-places if is_limit else 0.51 * 10.0**-places  # A limit is rounded up.
         assert math.isclose(number, exact, rel_tol=6e-3, abs_tol=step), (pointer, text)
@@ -239,7 +239,7 @@ def test_report_applies_the_recommended_margins(report_of: Ask) -> None:
     page = report_of(JUDGED)
     rows = {(pointer, factor): text for _, pointer, factor, text in DATA.findall(page)}
     values = {pointer: float(value) for value, pointer, _, _ in DATA.findall(page)}
-    place = "/formulas/formulas/0"  # modified NDRC
+    place = "/formulas/formulas/0"  # This is the modified NDRC formula.
     for name, margin in (("perforation", PERFORATION_MARGIN), ("scabbing", SCABBING_MARGIN)):
         pointer = f"{place}/{name}_thickness_m"
         assert rows[pointer, f"{1000 * margin:g}"] == f"{1e3 * margin * values[pointer]:.0f}"
@@ -287,7 +287,7 @@ def test_report_marks_defaults(report_of: Ask) -> None:
     page = text_of(report_of(JUDGED))
     assert "Poisson's ratio 0.5 (default)" in page
     assert "(default: ACI 318-19)" in page
-    assert "Density 2250 kg/m³ Young" in page  # given
+    assert "Density 2250 kg/m³ Young" in page  # The density is given.
     assert "Width of the bracket 0.5 °" in page
 
 

@@ -237,7 +237,7 @@ def test_oldest_segments_are_evicted_above_the_limit(tmp_path: Path) -> None:
         for record in records[:20]:
             cache.put_many([record])
         size = cache.statistics().bytes // 20
-        assert cache.get(records[0].key)  # used again
+        assert cache.get(records[0].key)  # This makes it the last one used.
     limit = 21 * size
     with cache_in(tmp_path, memory_bytes=0, disk_bytes=limit) as cache:
         for record in records[20:]:
@@ -359,7 +359,7 @@ def test_memory_is_limited_and_contains_the_latest_results(tmp_path: Path) -> No
     with cache_in(tmp_path, memory_bytes=10 * one.nbytes + one.nbytes // 2) as cache:
         for number in range(50):
             cache.put(trajectory(number, rows=1000))
-            cache.recall(trajectory(0).key)  # used all the time
+            cache.recall(trajectory(0).key)  # It is used all the time.
         kept = [number for number in range(50) if cache.recall(key_of(number))]
         assert kept == [0, *range(41, 50)]
         cache.put(trajectory(99, rows=20_000))  # It is larger than the cache, and must not evict anything.
@@ -377,7 +377,7 @@ def test_counted_memory_of_results_is_their_real_memory(tmp_path: Path) -> None:
                 record = cache.put(critical_angle(number))
                 recalled = cache.recall(record.key)
                 assert recalled is not None
-                assert recalled.answer == record.answer  # which parses it
+                assert recalled.answer == record.answer  # This parses the record.
                 del record, recalled
             cache.flush()
             gc.collect()

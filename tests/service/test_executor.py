@@ -217,7 +217,7 @@ async def test_killed_parent_leaves_no_process_behind() -> None:
         assert parent.stdout is not None
         workers = [int(pid) for pid in (await asyncio.to_thread(parent.stdout.readline)).split()]
         family = [parent.pid, *workers, parent_of(workers[0])]
-        assert len(set(family) & processes().keys()) == 4  # parent, template, two workers
+        assert len(set(family) & processes().keys()) == 4  # They are parent, template and two workers.
         parent.kill()
     await until(lambda: processes().keys().isdisjoint(family))
 
@@ -278,7 +278,7 @@ async def test_frozen_worker_is_replaced() -> None:
     [stopped] = pool.worker_pids
     os.kill(stopped, signal.SIGSTOP)
     await until(lambda: pool.worker_pids not in ([], [stopped]))
-    big: list[Call] = [(len, (bytes(100_000),))] * 5  # more than the buffer of a socket holds
+    big: list[Call] = [(len, (bytes(100_000),))] * 5  # They exceed the buffer of a socket.
     finished = await pool.run(big)
     assert [outcome.value for outcome in finished] == [100_000] * 5
     stopping: Call = (exec, ("import os, signal; os.kill(os.getpid(), signal.SIGSTOP)",))

@@ -142,10 +142,10 @@ async def test_cancelling_takes_effect_at_once_and_keeps_results(manager: JobMan
     assert await manager.cancel(job.id) == await manager.job(job.id) == state
     await asyncio.sleep(0.5)
     count = len(runs(log))
-    await asyncio.sleep(0.6)  # longer than a case
+    await asyncio.sleep(0.6)  # A case takes less time.
     assert len(runs(log)) == count < 15
     assert manager.queued_cases == 0
-    assert squares(await collect(manager, cases([77]))) == [77**2]  # the pool is free
+    assert squares(await collect(manager, cases([77]))) == [77**2]  # The pool is free again.
 
 
 async def test_unexpectedly_slow_cases_are_redistributed(
@@ -190,7 +190,7 @@ async def test_small_work_is_answered_incrementally_and_overtakes_jobs(manager: 
     whole = cases([500, 501]) + cases([502], seconds=0.6)
     finished = [result.number async for result in manager.run_now("square", whole)]
     assert sorted(finished) == [0, 1, 2]
-    assert finished[-1] == 2  # the slow one
+    assert finished[-1] == 2  # This is the slow case.
     state = await manager.job(job.id)
     assert state is not None
     assert state.done < 70
@@ -336,7 +336,7 @@ async def test_no_owner_can_fill_the_whole_queue(pool: ProcessPool, tmp_path: Pa
         jobs.append(await accepted(manager, cases(range(1000, 1200), seconds=0.2), "bert"))
         with pytest.raises(QueueFullError):
             manager.run_now("square", cases(range(1200, 1250)), owner="bert")
-        found = await collect(manager, cases(range(2000, 2100)))  # in the order in which they finish
+        found = await collect(manager, cases(range(2000, 2100)))  # They come in the order in which they finish.
         assert sorted(squares(found)) == [i**2 for i in range(2000, 2100)]
         for job in jobs:
             await manager.cancel(job.id, job.owner)

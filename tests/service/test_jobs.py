@@ -55,7 +55,9 @@ def stored_job(store: JobStore, count: int = 450, owner: str = "local", token: I
 
 def test_disk_space_for_the_jobs_of_an_owner_is_limited(tmp_path: Path) -> None:
     """A new job deletes the jobs that ended first; if all are unfinished, it is refused."""
-    store = JobStore(tmp_path, job_days=7.0, owner_bytes=100_000, operations={"square"})  # space for three jobs
+    store = JobStore(
+        tmp_path, job_days=7.0, owner_bytes=100_000, operations={"square"}
+    )  # This is space for three jobs.
     other = stored_job(store, owner="bert")
     first, second, third = (stored_job(store, owner="anna") for _ in range(3))
     for job in (other, second, first, third):
@@ -225,7 +227,7 @@ def test_file_that_is_not_a_database_is_set_aside(content: bytes, tmp_path: Path
 def test_flipped_bit_in_the_log_affects_no_earlier_job(damaged: int, tmp_path: Path) -> None:
     log, ends, jobs = tmp_path / "data" / "jobs.sqlite-wal", [], []
     store = store_in(tmp_path / "data")
-    store.jobs("local")  # creates the tables
+    store.jobs("local")  # This creates the tables.
     for _ in range(4):
         ends.append(log.stat().st_size)
         jobs.append(stored_job(store, 20).id)

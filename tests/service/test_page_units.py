@@ -60,7 +60,7 @@ def test_page_and_solver_texts_have_the_same_us_units() -> None:
 @pytest.mark.parametrize("units", [SI_UNITS, US_UNITS], ids=["SI", "US"])
 def test_page_and_solver_texts_have_the_same_factors(units: Mapping[str, Any]) -> None:
     expected = {unit.symbol: close_to(1.0 / unit.factor) for unit in units.values()}
-    expected.pop("ms", None)  # no time is typed into the page
+    expected.pop("ms", None)  # Users type no times into the page.
     assert {unit: FACTORS[unit] for unit in expected} == expected
 
 

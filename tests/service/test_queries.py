@@ -225,7 +225,7 @@ async def test_owner_with_the_most_waiting_queries_loses_one_to_another_owner(
         request = KeyedRequest.of("slow", Question(tmp_path, number))
         return asyncio.ensure_future(service.answer("slow", request, owner))
 
-    crowd = [ask_as(number, "anna") for number in range(5)]  # two of them run
+    crowd = [ask_as(number, "anna") for number in range(5)]  # Two of them run.
     while service.queued < 3:  # noqa: ASYNC110 (it sets no event)
         await asyncio.sleep(0.01)
     others = [ask_as(10, "bert"), ask_as(11, "carla"), ask_as(12, "bert")]
@@ -233,7 +233,7 @@ async def test_owner_with_the_most_waiting_queries_loses_one_to_another_owner(
     refused = [number for number, outcome in enumerate(outcomes) if isinstance(outcome, QueriesWaitingError)]
     # This is one of bert's, whichever was queued later.
     assert [number for number in refused if number >= 5] in ([5], [7])
-    assert len(refused) == 3  # and two of the others
+    assert len(refused) == 3  # The other two are anna's.
 
 
 async def test_waiting_time_of_a_query_is_limited(pool: ProcessPool, tmp_path: Path) -> None:

@@ -112,7 +112,7 @@ def test_each_request_is_a_span_in_the_trace_of_its_client(
     requests = [span for span in collector.spans if span.name != "chunk"]
     by_id = {attributes(span)["ricochet.request_id"]: span for span in requests}
     assert sorted(by_id) == ["batch", "computed", "events", "job", "known", "missing"]
-    assert len(requests) == 6  # probes are not traced
+    assert len(requests) == 6  # Probes are not traced.
     computed, known, missing = by_id["computed"], by_id["known"], by_id["missing"]
     assert (computed.trace_id.hex(), computed.parent_span_id.hex()) == (TRACE, PARENT)
     assert known.trace_id != computed.trace_id

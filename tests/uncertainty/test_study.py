@@ -90,7 +90,7 @@ def test_rough_function_is_sampled_directly() -> None:
     assert answer.method == "direct"
     assert answer.converged
     assert known(answer.surrogate_error) > math.radians(0.1)
-    assert len(misses(function, answer)) <= 3  # of 41, each at 95 %
+    assert len(misses(function, answer)) <= 3  # There are 41 intervals at 95 %.
 
 
 def test_convergence_ends_at_the_half_width_or_the_budget() -> None:

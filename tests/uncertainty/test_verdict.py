@@ -121,7 +121,7 @@ def test_each_theory_has_its_own_obliquity_shape() -> None:
     found = verdict_of(PAPER_VELOCITY)
     elastic, mohr = (math.degrees(known(angle)) for angle in found.theories)
     assert elastic == pytest.approx(48.63, abs=0.02)
-    assert 46.6 <= mohr <= 48.4  # with eq. 9 it is 43.57°
+    assert 46.6 <= mohr <= 48.4  # With eq. 9 it is 43.57°.
 
 
 @pytest.mark.parametrize(

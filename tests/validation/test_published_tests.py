@@ -62,7 +62,10 @@ def test_closed_form_with_the_power_law_agrees_with_the_1994_series(assessment: 
     assert found.coefficient_of_variation == pytest.approx(0.08, abs=0.02)
     claims = {comparison.what: comparison.holds for comparison in ratios_section(assessment).comparisons}
     assert [holds for what, holds in claims.items() if "closed form" in what] == [True, True]
-    assert [holds for what, holds in claims.items() if "trajectory model" in what] == [None, None]  # claims no value
+    assert [holds for what, holds in claims.items() if "trajectory model" in what] == [
+        None,
+        None,
+    ]  # It claims no value.
 
 
 def test_published_mean_of_the_1994_series_includes_its_outlier(assessment: Assessment) -> None:
