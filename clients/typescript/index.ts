@@ -9,12 +9,12 @@ import type { components, paths } from "./contract.js";
 
 export type { components, operations, paths } from "./contract.js";
 
-/** Objects of the contract by name. */
+/** Schemas of the contract, by name. */
 export type Schemas = components["schemas"];
-/** Answers and problems; `parseAs` requests other forms. */
+/** Media type of JSON answers and problems; `parseAs` requests other formats. */
 export type Json = `application/${string}json`;
 
-/** Return a client with a method for each verb, whose first argument is a path of the contract. */
+/** Return a client with one method per HTTP verb; the first argument is a path of the contract. */
 export function createClient(options: ClientOptions): Client<paths, Json> {
   return createFetchClient<paths, Json>(options);
 }

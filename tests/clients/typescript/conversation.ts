@@ -1,6 +1,6 @@
 // Requests of a TypeScript program to the service: types from the contract, calls by openapi-fetch.
 //
-// tests/api/test_typescript_client.py puts this beside the package and compiles it with the same settings.
+// tests/api/test_typescript_client.py copies this file beside the package and compiles it with the same settings.
 // Fields with a default may be left out of a request.
 
 import assert from "node:assert/strict";
@@ -55,7 +55,7 @@ async function submitLines(cases: Schemas["CriticalAngleCase"][], idempotencyKey
   return job;
 }
 
-/** Every state of a job until its end, as the service reports them. */
+/** Yield every state of a job until its end, as the service reports them. */
 async function* follow(id: string, lastEventId = ""): AsyncGenerator<[string, Schemas["Job"]]> {
   const params = { ...jobOf(id), header: { "Last-Event-ID": lastEventId } };
   const { data } = await client.GET("/jobs/{job_id}/events", { params, parseAs: "stream" });
@@ -183,7 +183,7 @@ async function cancelAJob(): Promise<void> {
   const cases: Schemas["TrajectoryCase"][] = Array.from({ length: 200 }, (_, number) => ({
     ...strike,
     impact: { ...impact, velocity_m_s: 260.0 + 1e-3 * number, oblique_angle_deg: 50.0 },
-    numerics: { method: "panels", panels: 20_000 }, // slow, so that there is something to cancel
+    numerics: { method: "panels", panels: 20_000 }, // It is slow, so that it still runs when it is cancelled.
   }));
   const params = { header: { Prefer: "respond-async" } };
   const job = given(await client.POST("/trajectory/batch", { params, body: { cases } }));
@@ -207,7 +207,7 @@ async function getProblems(): Promise<void> {
   const axes = [{ field: "impact.velocity", values: [238.0] }];
   const sweep = refused(await client.POST("/cra/sweep", { body: { base: paper, axes } }), 422);
   assert.deepEqual(sweep.errors.map(({ pointer }) => pointer), ["/axes/0/field"]);
-  // @ts-expect-error: the type refuses a wrong field before the service does
+  // @ts-expect-error: the compiler refuses a wrong type before the service does
   const fish = { ...paper, impact: { velocity_m_s: "fast" } } satisfies Schemas["CriticalAngleRequest"];
   const lines = await client.POST("/cra/batch", {
     headers: { "Content-Type": "application/jsonl" },
