@@ -6,7 +6,7 @@ import { solidVolume } from "./outline.js";
 import { areUs, unitOf } from "./units.js";
 import { capital } from "./words.js";
 
-/** Return a field: a `number`; `choice` of a variant or a name; `flag`; `numbers`, a list or a list of lists; or `shots`. */
+/** Return a field of a kind: `number`, `choice` (a variant or a name), `flag`, `numbers` (a list, or a list of pairs) or `shots`. */
 export const fieldOf = (kind, path, si = "", extra = {}) => ({
   ...{ kind, path, si, ...extra },
   get label() {
@@ -27,27 +27,27 @@ export const fieldOf = (kind, path, si = "", extra = {}) => ({
 const number = (path, si, extra) => fieldOf("number", path, si, extra);
 const OPTIONAL = { optional: true };
 const STEEL_KG_M3 = 7850;
-/** Characteristic strengths of cylinders by concrete class, of EN 1992-1-1 table 3.1. [Pa] */
+/** Names of the concrete classes by characteristic cylinder strength [Pa], from EN 1992-1-1, table 3.1. */
 const CONCRETE_PA = Object.fromEntries(
   ["20/25", "25/30", "30/37", "35/45", "40/50", "45/55", "50/60", "55/67", "60/75", "70/85", "80/95", "90/105"].map((name) => [
     `${Number(name.split("/")[0]) * 1e6}`,
     `C${name}`,
   ]),
 );
-const MEAN_ABOVE_PA = 8e6; // the mean strength above the characteristic one, of the same table
+const MEAN_ABOVE_PA = 8e6; // mean minus characteristic strength, from the same table
 
-/** Return a case in a concrete class, whose mean strength is that of the model, and the characteristic one that of design values. */
+/** Return a case with the mean strength of a concrete class, which the model uses; design values use the characteristic strength. */
 function meanOfClass(values, characteristic) {
   return characteristic === undefined ? values : withValue(values, "target.compressive_strength_pa", characteristic + MEAN_ABOVE_PA);
 }
 
 /**
- * Groups of fields in the order of the form; one that `isFolded` is opened for a case that differs there from the paper's.
+ * Groups of fields in the order of the form; a group that `isFolded` is open only if the case differs from the paper's in it.
  *
- * `si` is the unit in which a field is shown, but for US customary units, `unit` the one that is shown, and `factor` times what
- * is shown the value in SI without a prefix; `optional` may be empty and then shows `open`; `choices` are labels
- * by value, or `classes` for a number, which `takes` the case along; `fill` is a button with a value; `variant` marks one that decides which other fields there are; `pairs` is a list of them; `slider` is
- * [least, most, step] in the unit of SI.
+ * `si` is the unit when SI is shown, `unit` the unit shown, and `factor` converts the number shown to SI without a prefix. An `optional` field may be empty,
+ * and then shows `open`. `choices` are labels by value; `classes` are the choices of a number, for which `takes` returns the changed case. `fill` is a button
+ * that fills in a value. A `variant` decides which other fields there are. `pairs` marks a list of pairs of numbers.
+ * `slider` is [least, most, step] in the unit of SI.
  */
 export const GROUPS = [
   {
@@ -126,7 +126,7 @@ export const GROUPS = [
   },
 ];
 
-/** The fields of a study, which are not of a case. */
+/** The fields of a study, which are not part of a case. */
 export const SAMPLING = {
   name: "Sampling",
   fields: [
@@ -141,7 +141,7 @@ export function fieldAt(path) {
   return GROUPS.flatMap(({ fields }) => fields).find((each) => each.path === path);
 }
 
-/** Return whether a case, with the nose and models it has, has this field. */
+/** Return whether a case has a field, which depends on its nose and its models. */
 export function isThere({ path }, values) {
   return nodeAt(path, values) !== undefined;
 }
@@ -149,7 +149,7 @@ export function isThere({ path }, values) {
 /**
  * Return the bounds of a field in the unit shown.
  *
- * @returns {{least?: number, most?: number, above?: number, below?: number}} `above` and `below` are not reached
+ * @returns {{least?: number, most?: number, above?: number, below?: number}} `above` and `below` are exclusive
  */
 export function boundsOf(field, values) {
   const node = nodeAt(field.path, values) ?? {};
@@ -162,7 +162,7 @@ export function boundsOf(field, values) {
   };
 }
 
-/** Return the fields of a case that are single numbers, which a sweep may vary. */
+/** Return the fields of a case that are single numbers, which a sweep can vary. */
 export function numericFields(values) {
   return GROUPS.flatMap(({ fields }) => fields).filter((each) => each.kind === "number" && isThere(each, values));
 }
@@ -173,7 +173,7 @@ export function shownValue(field, values) {
   return typeof value === "number" ? shownNumber(field, value) : value;
 }
 
-/** Return what a field shows that is empty: words, or the number in SI that it then is. */
+/** Return what an empty field shows: a word, or its default value converted from SI. */
 export const openShown = (field) => (typeof field.open === "number" ? shownNumber(field, field.open) : field.open);
 
 /** Return the value of a field as text, without its unit. */
@@ -185,7 +185,7 @@ export function fieldShown(field, values) {
   return Array.isArray(value) ? JSON.stringify(value) : String(value);
 }
 
-/** Return a number in SI in the unit of a field, without what floating point adds, or a conversion. */
+/** Convert a number in SI to the unit of a field, without rounding errors of floating point and conversion. */
 export function shownNumber({ factor }, value) {
   return Number((value / factor).toPrecision(areUs() ? 6 : 12));
 }

@@ -1,4 +1,4 @@
-// The form of a case: every field in its unit, checked against the contract as it is filled in.
+// The form of a case, with every field in the unit shown and checked against the contract while the user types.
 
 import { valueAt, withValue } from "./case.js";
 import { exampleOf, paperCase } from "./contract.js";
@@ -9,24 +9,24 @@ import { clearParts, markStale } from "./stale.js";
 import { keep, kept } from "./storage.js";
 
 const MOST_UNDONE = 100;
-const DESCRIBES = "ricochet-describe"; // whether every field is described, in this browser
+const DESCRIBES = "ricochet-describe"; // key of the setting whether every field is described
 
 /** The form of a case. */
 export class CaseForm {
   rows = [];
   wrong = new Set(); // paths of fields whose text is not accepted
-  isHeld = false; // whether the service or the form does not accept a field
+  isHeld = false; // whether a field is not accepted by the form or the service
   undone = []; // cases before each edit, with the field that was edited
 
   /**
    * @param {HTMLElement} root
    * @param {{case: object, onChange: (values: object, path: string) => void, onHold?: () => void, problem: HTMLElement, parts?: () => HTMLElement[],
    *   panels?: object[], actions?: HTMLFieldSetElement[], include?: string[], groups?: object[], open?: string[]}} options
-   *   `onChange` is called with a case only if all its fields are in their bounds, `onHold` while one is not; `problem` is where
-   *   there is a word on what is wrong elsewhere than at a field; `parts` are marked as of the inputs before while a field may
-   *   still be typed into, and once its value is not accepted are cleared of all but pictures, as are `panels`, by their `hold` and
-   *   `clear`; `actions` hold the buttons that act on the case, which are disabled as long; `include` names the groups of
-   *   fields.js, all if none, `groups` others instead; `open` are the groups that are not folded
+   *   `onChange` is called with a case whenever all its fields are accepted, `onHold` while one is not; `problem` shows errors that
+   *   belong to no field; `parts` are marked as results of previous inputs while the user may still be typing, and cleared of all but
+   *   pictures once a value is refused, as are `panels`, through their `hold` and `clear`; `actions` hold the buttons that act on the
+   *   case, which are disabled meanwhile; `include` names the groups of fields.js to show (all by default), `groups` are other groups
+   *   instead; `open` names the groups that are expanded at first
    */
   constructor(root, { case: values, onChange, onHold, problem, parts = () => [], panels = [], actions = [], include, groups, open = include }) {
     Object.assign(this, { root, values, onChange, onHold, problem, parts, panels, actions, open });
@@ -39,7 +39,7 @@ export class CaseForm {
     this.rebuild();
   }
 
-  /** Return the case that the fields have; the one before while a field is not accepted. */
+  /** Return the case in the fields; while a field is not accepted, the previous case. */
   currentCase = () => this.values;
 
   rebuild() {
@@ -61,10 +61,10 @@ export class CaseForm {
   setField(path, value) {
     const { input, field } = this.rows.find((row) => row.field.path === path);
     input.value = Number((value / field.factor).toPrecision(12));
-    input.dispatchEvent(new Event("input")); // its slider listens too
+    input.dispatchEvent(new Event("input")); // the slider of the field listens too
   }
 
-  /** Return whether the case has a value there that is not the paper's. */
+  /** Return whether the case has a value that differs from the paper's. */
   isOther({ path }) {
     const [own, usual] = [this.values, paperCase()].map((values) => JSON.stringify(valueAt(values, path)));
     return own !== undefined && own !== usual;
@@ -84,7 +84,7 @@ export class CaseForm {
       },
     });
     this.rows.push(row);
-    if (field.kind === "shots" && !valueAt(this.values, field.path)) this.wrong.add(field.path); // they are yet to be given
+    if (field.kind === "shots" && !valueAt(this.values, field.path)) this.wrong.add(field.path); // the user has yet to enter them
     return row.root;
   }
 
@@ -114,7 +114,7 @@ export class CaseForm {
     for (const each of this.actions) each.disabled = isHeld;
   }
 
-  /** What is shown belongs to the inputs before, while a field is typed into. */
+  /** Mark the results as those of previous inputs while the user types a value that is not valid yet. */
   hold() {
     this.setHeld(true);
     this.onHold?.();
@@ -124,7 +124,7 @@ export class CaseForm {
     if (missing) announce(`${missing.field.label}: none yet.`);
   }
 
-  /** Nothing belongs to a case with a field that is not accepted. */
+  /** Remove the results, because a field is not accepted. */
   clear(text) {
     this.hold();
     for (const panel of this.panels) panel.clear();
@@ -132,13 +132,13 @@ export class CaseForm {
     showText(this.problem, text);
   }
 
-  /** Show an error: at the fields it points to, if it does. */
+  /** Show an error at the fields to which it points or, if it points to none, beside the form. */
   fail(error) {
     if (error.errors?.length) this.refuse(error);
     else showText(this.problem, error.message);
   }
 
-  /** Keep the case before an edit; further keys of the same field belong to it. */
+  /** Store the case before an edit; further keys in the same field belong to the same edit. */
   remember(path) {
     if (this.undone.at(-1)?.path !== path) this.undone = [...this.undone, { values: this.values, path }].slice(-MOST_UNDONE);
     this.undoButton.disabled = false;
@@ -154,7 +154,7 @@ export class CaseForm {
     return announce(`${this.rows.find(({ field }) => field.path === path)?.field.label ?? "The change"} is as before.`);
   }
 
-  /** Start from the example of another variant, whose fields are others, but without its shots: they would count as evidence. */
+  /** Start from the example of another variant, which has other fields, but without its shots, which would count as evidence. */
   takeVariant({ path }, name) {
     const holder = path.slice(0, path.lastIndexOf("."));
     const { shots, ...example } = exampleOf(holder, name);
@@ -164,7 +164,7 @@ export class CaseForm {
     this.rows.find(({ field }) => field.path === path).input.focus();
   }
 
-  /** Show what the service does not accept; not while the field may still be typed into. */
+  /** Show the errors of the service, but not while the user still types in the field. */
   refuse({ errors }) {
     const values = this.values;
     const rowOf = ({ pointer }) => {

@@ -1,4 +1,4 @@
-// One cell of a map, chosen from two lists: for those who cannot point at the picture.
+// One cell of a map, chosen from two lists, for users who cannot point at the picture.
 
 import { address, caseQuery } from "./address.js";
 import { element } from "./elements.js";
@@ -9,11 +9,11 @@ import { caseAt } from "./sweep.js";
 import { warningShown } from "./words.js";
 
 /**
- * Build the choice of a cell.
+ * Build the two lists, and the texts and links for the chosen cell.
  *
  * @param {HTMLElement} root
  * @returns {{show: (map: object, axes: object[], cells: object[]) => void, choose: (place: {column: number, row: number}) => void}}
- *   `show` shows the cells of a map, `choose` one of them
+ *   `show` shows the cells of a map, `choose` selects one of them
  */
 export function buildCellChoice(root) {
   const [across, up] = ["x", "y"].map((side) => element("select", { id: `cell-${side}`, onchange: () => showChosen() }));
@@ -48,7 +48,7 @@ export function buildCellChoice(root) {
     showChosen();
   };
   const show = (map, axes, cells) => {
-    const isOther = JSON.stringify(axes) !== JSON.stringify(shown?.axes); // else what is chosen stays
+    const isOther = JSON.stringify(axes) !== JSON.stringify(shown?.axes); // otherwise the chosen cell stays
     if (isOther) {
       [across, up].forEach((select, i) => fill(select, labels[i], axes[i]));
     }

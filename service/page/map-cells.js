@@ -1,4 +1,4 @@
-// What became of the cells of a map, in words.
+// Results of the cells of a map, and texts that describe them.
 
 import { csvOf } from "./plots.js";
 import { unitOf } from "./units.js";
@@ -28,13 +28,13 @@ export const QUANTITIES = {
   },
 };
 
-/** How a run ends on a map that is embedded with its nose out of the rear face of a wall. */
+/** Ending, on a map, of an embedded run whose nose stands out of the rear face of a wall. */
 const OUT = "embedded_out";
 
-/** The legend shows it for an ending whose cells have their colour alone, where the numbers of lines can be read. */
+/** Symbol in the legend for endings whose cells have a colour but no mark, so that the labels of contours can be read there. */
 export const PLAIN = "square";
 
-/** Ways to end that differ on a map, with the mark each has there. */
+/** Endings that a map distinguishes, each with its mark. */
 export const ENDINGS = {
   cra: { no_ricochet: "x", always_ricochet: "circle", not_converged: "diamond", failed: "cross" },
   thickness: { always_perforated: "x", never_perforated: "circle", failed: "cross" },
@@ -42,18 +42,18 @@ export const ENDINGS = {
   trajectory: { embedded: PLAIN, [OUT]: "triangle-up", perforated: "triangle-down", in_motion: "diamond", ricochet: PLAIN, failed: "cross" },
 };
 
-/** Return how a case of a map ended in a word or two. */
+/** Return the display name of an ending. */
 export function endingShown(ending) {
   if (ending === OUT) return `${outcomeShown("embedded")}, its nose out of the rear face`;
   return outcomeShown(ending) ?? statusShown(ending) ?? ending;
 }
 
 /**
- * Return what a map shows of one result.
+ * Return the values of one result that a map shows.
  *
  * @param {{result?: object, problem?: object}} item of a job
  * @returns {{ending: string, angle?: number, probability?: number, depth?: number, thickness?: number, stress?: number, warnings: string[], key?: string, detail?: string}}
- *   `angle` in degrees, `depth` and `thickness` in metres, `stress` the largest in bending in pascals
+ *   `angle` in degrees, `depth` and `thickness` in metres, `stress` the largest bending stress in pascals
  */
 export function readCell({ result, problem }) {
   if (!result) return { ending: "failed", warnings: [], detail: problem?.detail };
@@ -70,7 +70,7 @@ export function readCell({ result, problem }) {
   };
 }
 
-/** Say what became of a cell. */
+/** Describe the result of a cell. */
 export function cellWords(cell) {
   if (!cell) return "not computed";
   const label = endingShown(cell.ending);
@@ -81,7 +81,7 @@ export function cellWords(cell) {
   return cell.depth === undefined || cell.ending === "perforated" ? words : `${words}, ${lengthShown(cell.depth)} deep`;
 }
 
-/** Return the codes of warnings that some cells have and others do not, each with how many have it. */
+/** Return the codes of warnings that some cells have and others do not, each with the number of cells that have it. */
 export function localWarnings(cells) {
   const computed = cells.filter(Boolean);
   const counts = new Map();
@@ -89,13 +89,13 @@ export function localWarnings(cells) {
   return [...counts].filter(([, count]) => count < computed.length);
 }
 
-/** Return the codes of warnings that few cells have: those worth a mark. */
+/** Return the codes of warnings that few cells have, which are worth a mark. */
 export function rareWarnings(cells) {
   const computed = cells.filter(Boolean).length;
   return new Set(localWarnings(cells).flatMap(([code, count]) => (count < computed / 4 ? [code] : [])));
 }
 
-/** Say how many cells ended which way. */
+/** Describe how many cells have each ending, and each warning. */
 export function countWords(operation, cells) {
   const counts = {};
   for (const cell of cells) if (cell) counts[cell.ending] = (counts[cell.ending] ?? 0) + 1;

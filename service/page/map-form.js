@@ -12,7 +12,7 @@ const SIDES = { x: "Horizontal axis", y: "Vertical axis" };
  *
  * @param {HTMLElement} root
  * @param {object} map as `readMap` returns it
- * @param {(map: object|undefined) => void} onChange called with the map, or with nothing while a field is out of its bounds
+ * @param {(map: object|undefined) => void} onChange called with the map, or with undefined while a field is out of bounds
  * @returns {{setCase: (values: object) => void, showProblem: (problem: Problem) => void}}
  */
 export function buildMapForm(root, map, onChange) {
@@ -57,7 +57,7 @@ function operationField(chosen, onChoice) {
   return element("div.field.whole", {}, element("label", { for: select.id }, "Show"), select);
 }
 
-/** One axis: its field, its ends in the unit shown, how many values. */
+/** Build the inputs of one axis: its field, its ends in the unit shown, and its number of values. */
 function axisFields(side, map, onChange) {
   const problem = element("p.problem", { id: `map-${side}-problem`, hidden: true });
   const field = element("select", { id: `map-${side}-field` });
@@ -86,7 +86,7 @@ function axisFields(side, map, onChange) {
     field.replaceChildren(...fields.map((each) => element("option", { value: each.path }, labelWithUnit(each))));
     const isThere = fields.some(({ path }) => path === before);
     field.value = isThere ? before : fields[0].path;
-    if (!isThere || (isOther && !isOn(axis(), current.values))) lay(around(field.value, current.values)); // the case is always on the map
+    if (!isThere || (isOther && !isOn(axis(), current.values))) lay(around(field.value, current.values)); // the map always includes the case
     return axis();
   };
   const check = (current) => {
@@ -140,7 +140,7 @@ function numberField(id, label, attributes = {}) {
   return { input, unit, root: element("div.field", {}, element("label", { for: id }, label), input, unit) };
 }
 
-/** Return what is wrong with an axis, and with which of its inputs (from, to, count). */
+/** Return the error message of an axis, and the inputs (from, to, count) that it concerns; undefined if there is no error. */
 function problemOf({ field, start, stop, count }, other, map) {
   if (field === other.field) return { text: "Both axes have the same field.", parts: [] };
   const { factor, unit, path } = fieldAt(field);

@@ -1,4 +1,4 @@
-// What is seen of a map: how far its job is, the picture, and one case in words.
+// The visible parts of a map: the progress of its job, the picture, and the description of one case.
 
 import { announce, element } from "./elements.js";
 import { slug } from "./exports.js";
@@ -20,11 +20,11 @@ export class MapPicture {
   #map;
   #axes;
   #isDrawn = false; // whether cells of the map are shown
-  #isSame = true; // whether the form has the inputs of the map
+  #isSame = true; // whether the inputs in the form are those of the map
 
   /**
    * @param {HTMLElement} root
-   * @param {(ends: number[]) => void} onDrag called with the place on both axes to which the case is dragged, in SI
+   * @param {(ends: number[]) => void} onDrag called with the values on both axes to which the case is dragged, in SI
    */
   constructor(root, onDrag) {
     this.onDrag = onDrag;
@@ -38,7 +38,7 @@ export class MapPicture {
     this.panel.append(this.heading, this.bar, this.words, this.plot, this.counts);
     this.choice = buildCellChoice(this.cell);
     this.handle = element("div.handle", {
-      "aria-hidden": true, // the fields move it by keys
+      "aria-hidden": true, // keyboard users change the fields instead
       onpointerdown: ({ pointerId }) => this.handle.setPointerCapture(pointerId),
       onpointermove: (event) => event.buttons && this.#drag(event),
     });
@@ -46,7 +46,7 @@ export class MapPicture {
     root.append(this.root);
   }
 
-  /** Begin with a map, none of whose cells are there yet. */
+  /** Start to show a map that has no results yet. */
   begin(map) {
     this.#map = map;
     this.#axes = [map.x, map.y].map(shownAxis);
@@ -63,7 +63,7 @@ export class MapPicture {
     markStale(...this.#ofCells);
   }
 
-  /** Show how far the job is. */
+  /** Show the progress of the job. */
   showProgress(job) {
     this.#fill(job, progressWords(job));
   }
@@ -80,12 +80,12 @@ export class MapPicture {
     Object.assign(this.bar, { max: total, value: done });
   }
 
-  /** Show that no more comes: something is wrong, which is said elsewhere. */
+  /** Record that no more results follow, because of an error that is shown elsewhere. */
   giveUp() {
     markSettled(this.words, "");
   }
 
-  /** Mark the results as those of the inputs, or of previous ones; hide them where a field is not accepted. */
+  /** Mark the results as current or as those of previous inputs; hide them while a field is not accepted. */
   compare(isSame, isAccepted) {
     this.#isSame = isSame;
     this.root.hidden = !isAccepted;
@@ -109,7 +109,7 @@ export class MapPicture {
       title: this.heading.textContent,
       values: this.#map.values,
       varied: this.#axes.map(({ field }) => field),
-      key: this.#map.job && `job ${this.#map.job}`, // each case has its own, in the CSV
+      key: this.#map.job && `job ${this.#map.job}`, // each case has its own key, in the CSV
       part: slug(nameOf(operation, this.#axes)).toLowerCase(),
       hasAngle: hasAngle(this.#map),
       csv: () => cellsCsv(operation, this.#axes, cells),
@@ -133,7 +133,7 @@ export class MapPicture {
     this.#placeHandle();
   }
 
-  /** Mark where a case is that differs from the map's only in what that varies. */
+  /** Move the mark to a case that differs from the map's case only in the fields that vary. */
   setHere(values) {
     this.here = this.#placeOf(values);
     const drawn = this.plot.querySelector(".drawing");
@@ -143,7 +143,7 @@ export class MapPicture {
     this.#placeHandle();
   }
 
-  /** Return the stress above which the surface of the body of a cell yields. [Pa] */
+  /** Return the stress above which the surface of the projectile of a cell yields [Pa]. */
   #yieldOf(index) {
     const { x } = this.#map;
     const { projectile } = caseAt(this.#map, { column: index % x.count, row: Math.floor(index / x.count) });
@@ -178,7 +178,7 @@ export class MapPicture {
     );
   }
 
-  /** Return the room for the mark of a cell. [px] */
+  /** Return the size available for the mark of a cell [px]. */
   #room() {
     const { clientWidth, clientHeight } = this.plot;
     const [across, up] = this.#axes.map(({ shown: { length } }) => length);
@@ -216,15 +216,15 @@ function nameOf(operation, [x, y]) {
   return `${named} over ${x.label.toLowerCase()} and ${y.label.toLowerCase()}`;
 }
 
-/** Return the rectangle between the axes of a drawing, from its corner. [px] */
+/** Return the rectangle between the axes of a drawing, relative to the corner of the drawing [px]. */
 function plottedArea(drawn) {
   const corner = drawn.getBoundingClientRect();
   const { left, top, width, height } = drawn.querySelector(".nsewdrag").getBoundingClientRect();
   return { left: left - corner.left, top: top - corner.top, width, height };
 }
 
-/** Return where a value is on an axis, from 0 at its begin to 1 at its end. */
+/** Return the position of a value on an axis, from 0 at its start to 1 at its end. */
 const share = (value, [begin, end]) => (value - begin) / (end - begin);
 
-/** Return the value at a share of an axis. */
+/** Return the value at a position on an axis from 0 to 1. */
 const between = (part, [begin, end]) => begin + part * (end - begin);

@@ -1,18 +1,18 @@
-// The picture of a map: colours for the quantity, contour lines over it, a mark where there is none.
+// The picture of a map: colours for the quantity, contour lines over them, and marks for cells without it.
 
 import { withUnit } from "./fields.js";
 import { unitOf } from "./units.js";
 import { cellWords, ENDINGS, endingShown, PLAIN, QUANTITIES, rareWarnings } from "./map-cells.js";
 import { warningShown } from "./words.js";
 
-// Viridis from a quarter on, so that dark lines and words can be read upon all of it.
+// Viridis without its darkest quarter, so that dark lines and labels can be read on every colour.
 const COLOURS = ["#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30", "#fde725"];
 const NO_ANGLE = "#a9a9a9";
 const OUTCOMES = { embedded: "#5b7fb5", embedded_out: "#a58fc9", perforated: "#e08e5a", in_motion: "#b5b5b5", ricochet: "#fde725", failed: "#8c6d6d" };
 const FRAMES = ["square-open", "hexagon-open", "star-square-open", "octagon-open"];
 const INK = "#111111";
 const BENDS = "#c2185b";
-const PAPER = "#e8eaed"; // below the marks of the legend, in either theme
+const PAPER = "#e8eaed"; // background of the legend in either theme
 
 /**
  * Return the traces of a map for Plotly.
@@ -20,16 +20,16 @@ const PAPER = "#e8eaed"; // below the marks of the legend, in either theme
  * @param {keyof QUANTITIES|"trajectory"} operation
  * @param {{label: string, unit: string, shown: number[]}[]} axes across and up, values as shown
  * @param {object[]} cells row by row; those without a result are missing
- * @param {object[]} rough cells of a coarse grid, the nearest for each place: their colours are shown where there is no result yet
+ * @param {object[]} rough the nearest cell of a coarse grid for each cell, whose colour is shown where there is no result yet
  * @param {number} room for the mark of a cell [px]
- * @param {number[]} here where the case itself is, as shown
+ * @param {number[]} here values of the case itself on both axes, as shown
  * @param {(index: number) => number} yieldOf the stress above which the surface of the body of a cell yields [Pa]
  * @param {boolean} hasLines whether there are contours, which take longer than all else
  */
 export function mapTraces(operation, [x, y], cells, rough, room, here, yieldOf, hasLines = true) {
   const grid = (value) => y.shown.map((up, row) => x.shown.map((across, column) => value(row * x.shown.length + column, across, up)));
   const rows = (value) => grid((index) => value(cells[index] ?? rough[index]));
-  const finished = (value) => grid((index) => (hasLines ? value(cells[index]) : null)); // for lines
+  const finished = (value) => grid((index) => (hasLines ? value(cells[index]) : null)); // for contours
   const place = { x: x.shown, y: y.shown };
   const rare = rareWarnings(cells);
   const words = grid((index, across, up) => {
@@ -59,7 +59,7 @@ export function mapLayout([x, y]) {
   };
 }
 
-/** Return where the cells of an axis begin and end; undefined if there is but one. */
+/** Return where the cells along an axis begin and end; undefined if there is only one. */
 function ends(shown) {
   if (shown.length === 1) return undefined;
   const [low, high] = [Math.min(...shown), Math.max(...shown)];
@@ -103,7 +103,7 @@ function contours(place, z) {
   };
 }
 
-/** A line from which on the surface of the body yields in bending; none where all do, or none does. */
+/** Return the line beyond which the surface of the projectile yields in bending; none if all cells yield, or none does. */
 function bends(place, shares) {
   const known = shares.flat().filter((share) => share !== null);
   if (!known.some((share) => share > 1) || !known.some((share) => share <= 1)) return [];
@@ -118,7 +118,7 @@ function bends(place, shares) {
   ];
 }
 
-/** A mark in each cell whose ending its colour alone does not show; the legend counts them, and has the colours of all. */
+/** Return marks for the cells whose colour does not show their ending; the legend counts the cells of each ending. */
 function marks(operation, axes, cells, room) {
   const size = Math.min(6, room / 2);
   return Object.entries(ENDINGS[operation]).flatMap(([ending, symbol]) => {
@@ -127,13 +127,13 @@ function marks(operation, axes, cells, room) {
   });
 }
 
-/** A mark at the case that the map varies. */
+/** Return a mark at the case from which the map starts. */
 function youAreHere([across, up]) {
   const marker = { symbol: "star", size: 15, color: "#ffffff", line: { width: 1.5, color: INK } };
   return { type: "scatter", mode: "markers", name: "you are here", x: [across], y: [up], marker, hoverinfo: "skip", showlegend: true };
 }
 
-/** A frame around what carries a warning that few others do, of a shape for each warning. */
+/** Return frames around cells with a warning that few others have, with a shape for each warning. */
 function warned(axes, cells, room, rare) {
   return [...rare].flatMap((code, i) => {
     const isMarked = ({ warnings }) => warnings.includes(code);
@@ -144,11 +144,11 @@ function warned(axes, cells, room, rare) {
 function markers([x, y], cells, { label, symbol, size, color = INK, isMarked }) {
   const found = [...cells.keys()].filter((index) => cells[index] && isMarked(cells[index]));
   if (!found.length) return [];
-  const at = (axis, place) => (symbol === PLAIN ? [null] : found.map((index) => axis.shown[place(index)])); // null: in the legend alone
+  const at = (axis, place) => (symbol === PLAIN ? [null] : found.map((index) => axis.shown[place(index)])); // null shows it only in the legend
   const trace = {
     type: "scatter",
     mode: "markers",
-    name: `${label} (${found.length})`.replace(/(?=.{41})(.{20,38}) /, "$1<br>"), // no wider than a phone
+    name: `${label} (${found.length})`.replace(/(?=.{41})(.{20,38}) /, "$1<br>"), // breaks names that are wider than a phone
     x: at(x, (index) => index % x.shown.length),
     y: at(y, (index) => Math.floor(index / x.shown.length)),
     marker: { symbol, size, color, line: { width: 1, color: INK } },

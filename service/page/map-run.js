@@ -1,4 +1,4 @@
-// The job of a map, followed to its end while its cells fill.
+// Computes a map: at once, by studies of its cells, or as a job that is followed to its end.
 
 import { trajectoryRequest } from "./case.js";
 import { isFinal, resultsOf, statesOf } from "./job-progress.js";
@@ -15,7 +15,7 @@ const REST = 6; // times what it takes to read and draw the cells: 1/7 of a core
 const AT_ONCE = 2; // studies that are computed at the same time
 
 /**
- * Compute the cases of a map that are answered at once: all of a small one, a coarse grid of a large one.
+ * Compute as many cases of a map as the service answers at once: all of a small map, a coarse grid of a large one.
  *
  * @returns {Promise<{cells: object[], isWhole: boolean}|undefined>} the nearest of them for each cell; undefined if there
  *   are none such
@@ -25,7 +25,7 @@ export async function quickMap(map, signal) {
   if (!quick) return undefined;
   const { body, path, places, isWhole } = quick;
   const { results } = (await untilAnswered(() => request(path, { body, signal }), signal)).data;
-  if (!results) return undefined; // a job: this service answers fewer at once
+  if (!results) return undefined; // the answer is a job, because this service is set to answer fewer cases at once
   const found = results.map(readCell);
   const nearest = (count, some) => Array.from({ length: count }, (_, i) => indexOfNearest(some, i));
   const [columns, rows] = [nearest(map.x.count, places.x), nearest(map.y.count, places.y)];
@@ -81,11 +81,11 @@ function indexOfNearest(places, place) {
 /**
  * Follow the job of a map.
  *
- * @param {object} map with its job
+ * @param {object} map map with its job
  * @param {{onProgress: (job: object) => void, onCells: (cells: object[], isLast: boolean) => Promise<void>}} listeners called
- *   whenever the job has changed, and with the cells, row by row, as there are more; those without a result are missing
+ *   whenever the job has changed, and with the cells, row by row, when there are more; cells without a result are undefined
  * @param {AbortSignal} signal
- * @param {object[]} known cells that are there already
+ * @param {object[]} known cells that are already computed
  * @returns {Promise<object>} the job at its end
  */
 export async function followMap(map, { onProgress, onCells }, signal, known = []) {
@@ -119,7 +119,7 @@ export async function followMap(map, { onProgress, onCells }, signal, known = []
   return job;
 }
 
-/** Say how a job has ended. */
+/** Describe how a job ended. */
 export function endWords({ status, counts, problem }) {
   const { total, done } = counts;
   if (status === "dismissed") return `Cancelled after ${done} of ${total} cases.`;

@@ -1,4 +1,4 @@
-// The form of the inputs that scatter: a group each, with the errors of the service at its fields.
+// The form of the inputs that scatter: a group for each input, with errors of the service at its fields.
 
 import { element, showText } from "./elements.js";
 import { buildRow, showProblem } from "./field-row.js";
@@ -38,7 +38,7 @@ export class ScatterForm {
   }
 
   setInputs(inputs) {
-    if (JSON.stringify(inputs) === JSON.stringify(this.given)) return; // the field that has the focus keeps it
+    if (JSON.stringify(inputs) === JSON.stringify(this.given)) return; // so that the focus stays
     this.given = inputs;
     this.rebuild();
   }
@@ -93,7 +93,7 @@ export class ScatterForm {
     return element("div.field", {}, element("label", { for: id }, "Distribution"), element("select", { id, onchange }, ...options));
   }
 
-  /** Build the row of a parameter, as of a field that may be empty: the centre is then the value of the case. */
+  /** Build the row of a parameter as an optional field; an empty centre is the value of the case. */
   buildParameter(index, { name, label, si, centre }) {
     const { field: path, given } = this.given[index];
     const field = fieldOf("number", `uncertain.${index}.${name}`, si, { label, name, optional: true });
@@ -118,7 +118,7 @@ export class ScatterForm {
     return row;
   }
 
-  /** Take away what the service did not accept. */
+  /** Remove the error messages of the service. */
   clear() {
     for (const { rows, problem } of this.groups) {
       problem.hidden = true;

@@ -1,11 +1,11 @@
-// Inputs that scatter: their distributions, what is usual, and how they stand in a request and in an address.
+// Inputs that scatter: their distributions, the usual scatter, and their forms in requests and addresses.
 
 import { valueAt } from "./case.js";
 import { nodeAt, usualScatter } from "./contract.js";
 import { fieldAt, fieldOf, numericFields } from "./fields.js";
 
 const RESIDUAL = fieldOf("number", "resistance.strength_residual");
-/** Settings of the quickest study: the fewest samples that the service takes. */
+/** Settings of the quickest study, with the fewest samples that the service accepts. */
 export const QUICK = { max_samples: 256, method: "direct", half_width: 0.5 };
 
 const MEAN = { name: "mean", label: "Mean", centre: true };
@@ -15,7 +15,7 @@ const SPREAD = [
 ];
 const ENDS = ["Lower", "Upper"].map((label) => ({ name: label.toLowerCase(), label }));
 
-/** Distributions of a number with their parameters; the `centre` is the value of the case where it is left open. */
+/** Distributions of a number with their parameters; the `centre` defaults to the value of the case. */
 export const DISTRIBUTIONS = {
   normal: { label: "Normal", parameters: [MEAN, ...SPREAD] },
   truncated_normal: { label: "Truncated normal", parameters: [MEAN, ...SPREAD, ...ENDS] },
@@ -49,7 +49,7 @@ export const NOTES = {
   "impact.angle_of_attack_deg": "Usually scatters by about 1°.",
 };
 const BY_THEORY = { type: "discrete", given: { elastic_plastic: 0.8, mohr_coulomb: 0.2 } };
-/** What is offered of inputs that do not scatter unless they are added. */
+/** Initial distributions of inputs that do not scatter unless the user adds them. */
 const ADDED = {
   "resistance.free_surface.model": BY_THEORY,
   "resistance.theory": BY_THEORY,
@@ -57,7 +57,7 @@ const ADDED = {
   [RESIDUAL.path]: { type: "lognormal", given: { dispersion: 0.1 } },
 };
 const ANY = { type: "normal", given: { coefficient_of_variation: 0.05 } };
-let usual; // of the case of the latest verdict, which depends on its tests
+let usual; // usual scatter from the latest verdict, which depends on the tests in its case
 const MODELS = ["resistance.free_surface.model", "resistance.strength_factor.model"];
 const THEORY = fieldOf("choice", "resistance.theory");
 
@@ -74,21 +74,21 @@ export function inputField(path) {
   return [RESIDUAL, THEORY].find((each) => each.path === path) ?? (fieldAt(path) ?? { path, label: path, si: "", unit: "", factor: 1 });
 }
 
-/** Return an input with what usually scatters of this field; 5 % where nothing is usual. */
+/** Return an input with the usual scatter of a field, or with 5 % if there is none. */
 export function usualInput(field) {
   const own = (usual ?? usualScatter)[field];
   const { type, given } = own ? inputOf(own) : (ADDED[field] ?? ANY);
   return { field, type, given };
 }
 
-/** Return the inputs of a case that usually scatter: the theory only if the decay law of the case is one of the two. */
+/** Return the inputs of a case that usually scatter; the theory is included only if the decay law of the case is one of the two. */
 export function usualInputs(values) {
   const decay = valueAt(values, "resistance.free_surface.model");
   const isOne = ({ type, given }) => type !== "discrete" || decay in given;
   return Object.keys(usual ?? usualScatter).map(usualInput).filter(isOne);
 }
 
-/** Take what usually scatters from a verdict, but for the values of the case: the scatter of the strength factor is its own. */
+/** Store the usual scatter of a verdict without the values of its case; the scatter of the strength factor depends on the case. */
 export function takeUsual(inputs) {
   usual = Object.fromEntries(inputs.map(({ field, distribution: { mean, median, mode, ...spread } }) => [field, spread]));
 }
@@ -98,9 +98,9 @@ function inputOf({ type, values, weights, ...given }) {
 }
 
 /**
- * Return the parameters of an input: weights of models, or those of its distribution.
+ * Return the parameters of an input: weights of models, or the parameters of its distribution.
  *
- * @returns {{name: string, label: string, si: string, centre?: boolean}[]} `si` is the unit in which SI shows it
+ * @returns {{name: string, label: string, si: string, centre?: boolean}[]} `si` is the unit when SI is shown
  */
 export function parametersOf({ field, type }) {
   const own = inputField(field);
@@ -126,13 +126,13 @@ export function uncertainInput({ field, type, given }, values) {
   return { field, distribution: { type, ...around, ...given } };
 }
 
-/** Return the inputs of a query; undefined if it has none. What cannot be read is left out. */
+/** Return the inputs of a query, without those that cannot be read; undefined if there are none. */
 export function readInputs(query) {
   const found = query.getAll("scatter").map(readInput).filter(Boolean);
   return found.length ? found : undefined;
 }
 
-/** Return an input as text for an address: field, distribution, and what is given in SI units. */
+/** Format an input for an address: field, distribution, and the given parameters in SI units. */
 export function writeInput({ field, type, given }) {
   return [field, type, ...Object.entries(given).map(([name, value]) => `${name}:${value}`)].join(",");
 }

@@ -1,4 +1,4 @@
-// A map is a sweep over two fields. Its address holds the case, the fields and the job that computes it.
+// Maps, which are sweeps over two fields. The address of a map holds its case, its axes and its job.
 
 import { caseQuery, readCase } from "./address.js";
 import { angleRequest, trajectoryRequest, valueAt, withValue } from "./case.js";
@@ -18,16 +18,16 @@ const AT_ONCE = 100; // cases that the service answers without a job
 const COARSE = 8; // rows and columns of what is seen of a large map first
 const THICKNESS = "target.thickness_m";
 const ANGLE = "impact.oblique_angle_deg";
-const MOST_READ = 1000; // values of an axis in an address: far more than a map takes, and few enough to hold
-const COUNT = 9; // values of an axis unless others are chosen
+const MOST_READ = 1000; // limit on the values of an axis in an address: far more than a map accepts, and few enough for memory
+const COUNT = 9; // default number of values of an axis
 const [SPEED, STRENGTH] = ["impact.velocity_m_s", "target.compressive_strength_pa"];
 
 /**
- * Return the map of a query.
+ * Return the map that a query describes.
  *
  * @param {URLSearchParams} query
- * @returns {{values: object, operation: keyof OPERATIONS, x: Axis, y: Axis, job: string}} `values` is the case that
- *   every point has but for its two fields; an axis has `field`, `start` and `stop` in SI units, and `count`
+ * @returns {{values: object, operation: keyof OPERATIONS, x: Axis, y: Axis, job: string}} `values` is the case of
+ *   every point except for its two fields; an axis has `field`, `start` and `stop` in SI units, and `count`
  */
 export function readMap(query) {
   const values = readCase(query);
@@ -36,7 +36,7 @@ export function readMap(query) {
   return { values, operation, x: readAxis(query.get("x")) ?? x, y: readAxis(query.get("y")) ?? y, job: query.get("job") ?? "" };
 }
 
-/** Return the axes of a map unless others are chosen: a phase diagram is over speed and angle. */
+/** Return the default axes of a map: speed and angle for a phase diagram, else speed and strength. */
 export function usualAxes(operation, values) {
   return [SPEED, operation === "trajectory" ? ANGLE : STRENGTH].map((field) => around(field, values));
 }
@@ -51,13 +51,13 @@ export function around(field, values) {
   return { field, start: end(low), stop: end(high), count: COUNT };
 }
 
-/** Return whether a case is between the ends of an axis. */
+/** Return whether the value of a case is between the ends of an axis. */
 export function isOn({ field, start, stop }, values) {
   const value = valueAt(values, field);
   return value === undefined || (value >= start && value <= stop);
 }
 
-/** Return whether two maps show the same, by whatever job: what they vary has no value of the case. */
+/** Return whether two maps show the same, apart from their jobs and the values of the case in the fields that vary. */
 export function isSame(one, other) {
   const bare = (map) => {
     const values = [map.x.field, map.y.field].reduce((rest, path) => withValue(rest, path), map.values);
@@ -83,7 +83,7 @@ export function mapOfJob({ id, operation, axes, request }) {
   return { values, operation, x, y, job: id };
 }
 
-/** Return the query of a map. */
+/** Return the query that describes a map. */
 export function mapQuery({ values, operation, x, y, job }) {
   const query = new URLSearchParams({ operation, x: writeAxis(x), y: writeAxis(y) });
   if (job) query.set("job", job);
@@ -136,10 +136,10 @@ export function hasAngle({ operation }) {
   return operation !== "cra";
 }
 
-/** Return whether an axis may be laid along a field: a critical angle has no angle to vary. */
+/** Return whether a field can be on an axis of a map: a search for the critical angle has no oblique angle to vary. */
 export function isVariable(map, field) {
   const [part] = field.split(".");
-  if (map.operation === "thickness" && field === THICKNESS) return false; // it is what is sought
+  if (map.operation === "thickness" && field === THICKNESS) return false; // this is the result
   return hasAngle(map) ? part !== "search" : field !== ANGLE;
 }
 
@@ -151,14 +151,14 @@ export function numbers({ start, stop, count, list }) {
   return Array.from({ length: count }, (_, i) => (i === count - 1 ? stop : start + step * i));
 }
 
-/** Return the case at a cell; at its critical angle if that is given. [°] */
+/** Return the case of a cell; `angle` is its critical angle, if there is one [°]. */
 export function caseAt({ values, x, y }, { column, row }, angle) {
   let found = withValue(values, x.field, numbers(x)[column]);
   found = withValue(found, y.field, numbers(y)[row]);
   return angle === undefined ? found : withValue(found, ANGLE, Number(angle.toFixed(2)));
 }
 
-/** Return the axis that text of an address describes; undefined if it cannot be read. */
+/** Parse the axis in an address; undefined if it cannot be read. */
 export function readAxis(text) {
   const [field, ...rest] = (text ?? "").split(",");
   const [start, stop, count] = rest.map(Number);

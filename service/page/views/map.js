@@ -1,4 +1,4 @@
-// The map: a sweep over two fields as a job, drawn while it runs.
+// Map: a sweep over two fields, which runs as a job and is drawn meanwhile.
 
 import { replaceAddress } from "../address.js";
 import { announce, element } from "../elements.js";
@@ -12,13 +12,13 @@ import { isAbort, request } from "../service.js";
 import { isSame, isStudied, mapOfJob, mapQuery, quickSweep, readMap, sweepRequest } from "../sweep.js";
 import { Verdict } from "../verdict.js";
 
-/** Show the map of a query; if it names a job, that of the job with its results. */
+/** Show the map of a query or, if the query names a job, the map of the job with its results. */
 export async function show(root, query) {
   const view = new MapView(root, await mapOf(query));
   return () => view.leave();
 }
 
-/** Return the map of a query: as its job was requested, or as the query has it if the job is gone or no map. */
+/** Return the map that the job of a query computes or, if there is no such job or it is no map, the map that the query describes. */
 async function mapOf(query) {
   const job = query.get("job");
   const data = job ? await request(`jobs/${job}`).then((answer) => answer.data, () => undefined) : undefined;
@@ -26,8 +26,8 @@ async function mapOf(query) {
 }
 
 class MapView {
-  #work = new AbortController(); // given up when another map is run
-  #form; // the map of the form; undefined while that has a problem
+  #work = new AbortController(); // of the running map, aborted when another map is run
+  #form; // the map in the form; undefined while a field is not accepted
   #shown; // the map of the picture, with its job
   #progress; // of a map that is no job
 
@@ -76,7 +76,7 @@ class MapView {
     if (this.#form && this.#shown && isSame(this.#form, this.#shown)) this.picture.setHere(values);
   }
 
-  /** Make the case that of a place on the map. */
+  /** Change the case to a position on the map. */
   #drag(places) {
     const { x, y } = this.#shown;
     if (!this.#form || !isSame(this.#form, this.#shown)) return;
