@@ -147,7 +147,7 @@ def decay_factor(
     model
         Decay law.
     target
-        The concrete.
+        Target, whose concrete determines the wall pressures.
     radius_ratio
         (n,) ratios k of outer to cavity radius, from 1 at the face to infinity deep inside. [1]
     normal_velocity

@@ -102,9 +102,9 @@ class Quadrature(NamedTuple):
     """Gauss-Legendre rules for the integrals over the surface."""
 
     stations: Rule
-    """Rule along a stretch of the outline."""
+    """Rule for the stations along a stretch of the outline."""
     few_stations: Rule
-    """Rule along a short stretch, with half as many stations."""
+    """Rule for the stations along a short stretch, half as many."""
     points: FloatArray
     """(m, 2) nodes and weights of the rule around an arc."""
 

@@ -174,7 +174,7 @@ def least_thickness(
     velocity, oblique_angle, angle_of_attack, angular_velocity
         Fields of the impact, in place of `impact`. [m/s, rad, rad, rad/s]
     target
-        The concrete, without a thickness.
+        Concrete, without a thickness.
     resistance
         Resistance of the target; by default the strength factor of eq. 9 with elastic-plastic decay.
     numerics
@@ -243,7 +243,7 @@ def limit_velocity(
     projectile
         Projectile that strikes the wall.
     target
-        The wall, with its thickness.
+        Wall, with its thickness.
     impact
         Motion of the projectile at first contact; its velocity is not used.
     oblique_angle, angle_of_attack, angular_velocity

@@ -418,9 +418,9 @@ def predict_shot(
 
     Notes
     -----
-    This is the conjugate posterior of the model of `PublishedTests`, a normal mean with a scaled inverse chi-square
-    variance (Gelman et al., Bayesian Data Analysis, 3rd ed., section 3.3). The prior mean counts as
-    ``(within / between)²`` shots.
+    In the model of `PublishedTests`, a normal mean and a scaled inverse chi-square variance, the posterior is conjugate
+    (Gelman et al., Bayesian Data Analysis, 3rd ed., section 3.3). The prior mean counts as ``(within / between)²``
+    shots.
     """
     prior, count = (within / between) ** 2, len(misses)
     mean = float(misses.mean()) if count else 0.0

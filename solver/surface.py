@@ -32,7 +32,7 @@ radius. [1]"""
 # whose decay factor is zero to the precision of its polynomials. The exact cosine, zero, would be a divisor.
 BEHIND = 1e-100
 """Cosine of α for the base. [1]"""
-# This ratio gives 60 by 200 panels for the 12,000 of the paper.
+# This ratio divides the paper's 12,000 panels into 60 by 200.
 AROUND_PER_AXIAL = 0.3
 """Number of panels around the axis, over the number along it. [1]"""
 

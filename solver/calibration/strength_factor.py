@@ -153,7 +153,7 @@ def minimise(residuals: Residuals, start: float, field: str) -> float:
 
 def log_slope(values: Residuals, strength_factor: float) -> FloatArray:
     """Return the derivatives of `values` with respect to ln S, by central differences."""
-    # The error of central differences is of second order in the increment, that of forward differences of first order.
+    # Central differences have an error of second order in the increment, forward differences one of first order.
     upper = values(strength_factor * math.exp(LOG_STEP))
     lower = values(strength_factor * math.exp(-LOG_STEP))
     slope: FloatArray = (upper - lower) / (2.0 * LOG_STEP)
@@ -207,7 +207,7 @@ class ObliquityFit(ComparedByFields):
     """Covariance of the coefficients; None if there are as many coefficients as points, and the points have no standard
     errors."""
     residuals: FloatArray
-    """(n,) given minus fitted strength factor. [1]"""
+    """(n,) given minus fitted strength factors. [1]"""
     degrees_of_freedom: int
     """Number of points minus the number of coefficients."""
     warnings: tuple[ModelWarning, ...]

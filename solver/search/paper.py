@@ -1,4 +1,4 @@
-"""Searches of the source paper, which seek a zero of the nose tip's depth at the termination time (eqs. 7 and 8)."""
+"""Searches of the source paper for a zero of the depth of the nose tip at the termination time (eqs. 7 and 8)."""
 
 import math
 from collections.abc import Callable

@@ -98,7 +98,7 @@ def search_levels(*, relative_tolerance: float, stations: int, points: int, tole
         accuracy=Accuracy(float(relative_tolerance), LARGEST_STEP),
         ramp_fraction=RAMP_FRACTION,
         smooth_ramp=True,
-        stride=math.radians(0.1),  # the level before locates a change to a few hundredths of a degree
+        stride=math.radians(0.1),  # the middle level locates a change to a few hundredths of a degree
         tolerance=float(tolerance),
         fine=True,
     )

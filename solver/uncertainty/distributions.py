@@ -22,7 +22,7 @@ NODES = 48
 """Number of nodes of a quadrature rule for a smooth density."""
 # There the density is 3e-18 of its maximum, below the rounding error of a sum.
 FAR = 9.0
-"""Standard deviations beyond which a normal density is neglected. [1]"""
+"""Distance from the mean, in standard deviations, beyond which a normal density is neglected. [1]"""
 # Over a range of this size the angle is a curved function of an input; smaller ranges need no high orders. The value
 # separates the usual dispersion of S, 0.48, from those of all other inputs, at most 0.12.
 WIDE = 0.2

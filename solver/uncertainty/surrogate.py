@@ -107,8 +107,8 @@ class Basis:
 def _orthonormal(nodes: FloatArray, weights: FloatArray, order: int) -> FloatArray:
     """Return the coefficients, one column per order, of the polynomials orthonormal under a quadrature rule."""
     # The weighted powers at the nodes are the orthonormal polynomials times a triangular matrix, whose inverse holds
-    # the coefficients. A QR decomposition of the powers avoids the matrix of their moments, whose condition number is
-    # squared.
+    # the coefficients. A QR decomposition of the powers avoids the matrix of their moments, whose condition number
+    # would be squared.
     powers = np.vander(nodes, order + 1, increasing=True)
     _, triangle = np.linalg.qr(np.sqrt(weights)[:, None] * powers)
     inverse = np.linalg.inv(triangle)
