@@ -172,8 +172,8 @@ class JobSettings(SettingsGroup):
     """Largest number of cases that are answered in the response; more become a job. [1] A hundred cases take about a
     second. A search for perforation counts as 20."""
     small_samples: Annotated[int, Field(ge=0, le=16_384)] = 16_384
-    """Largest number of samples of a study of uncertainty that is answered in the response; a larger study becomes a
-    job. [1] Sixteen thousand samples take about a minute."""
+    """Largest number of samples of a study of uncertainty, or of all studies of a sweep or batch, that is answered in
+    the response; more become a job. [1] Sixteen thousand samples take about a minute."""
     max_queued_cases: Annotated[int, Field(ge=1)] = 2_000_000
     """Largest number of cases that wait in all jobs. [1] The cases of one owner may fill half of the space that other
     owners leave. On an idle service that is a million cases: ten of the largest batches, hours of work."""

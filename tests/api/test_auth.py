@@ -199,6 +199,24 @@ def test_panel_steps_count_as_cases_in_the_quota(guarded: Guarded) -> None:
             problem_of(ida.post("/trajectory/uncertainty", json=scattered, headers=headers), 403)
 
 
+def test_studies_of_a_sweep_count_as_their_most_samples(guarded: Guarded) -> None:
+    """They are charged when they are accepted, and also if they end earlier."""
+
+    def submit(client: httpx.Client, *speeds: float, headers: dict[str, str] | None = None) -> httpx.Response:
+        base = PAPER_AT_45 | {"uncertain": [SPEED], "sampling": {"max_samples": 300, "half_width": 0.5}}
+        axes = [{"field": "impact.velocity_m_s", "values": list(speeds)}]
+        return client.post("/trajectory/uncertainty/sweep", json={"base": base, "axes": axes}, headers=headers)
+
+    with guarded.with_key("jana", cases_per_hour=1000) as jana:
+        problem_of(submit(jana, 201.0, 202.0, 203.0, 204.0, headers=ASYNC), 403)
+        [item] = submit(jana, 201.0).json()["results"]
+        assert item["result"]["samples"] == 256
+        problem_of(submit(jana, 202.0, 203.0, 204.0), 429)
+        job = submit(jana, 202.0, 203.0, headers=ASYNC)
+        assert finished(jana, job.json())["status"] == "successful"
+        problem_of(submit(jana, 204.0), 429)  # 100 of 1,000 are left.
+
+
 class SetClock:
     """A clock that shows the time set by a test."""
 

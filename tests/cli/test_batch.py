@@ -98,6 +98,27 @@ def test_sweep_of_walls_omits_the_quantity_it_searches_for(served: Path, capsys:
     assert "--thickness: must not be given" in capsys.readouterr().err
 
 
+def test_sweep_of_studies_moves_the_scatter_with_the_axis(
+    served: Path, client: httpx.Client, capsys: pytest.CaptureFixture[str]
+) -> None:
+    speed = {"type": "normal", "coefficient_of_variation": 0.02}
+    case = {**case_at(238.0), "sampling": {"max_samples": 256}}
+    case["impact"] = {**case["impact"], "oblique_angle_deg": 48.7}
+    study = {**case, "uncertain": [{"field": "impact.velocity_m_s", "distribution": speed}]}
+    (served / "study.json").write_text(json.dumps(study))
+    args = ["sweep", "study.json", "--operation", "trajectory_uncertainty", "--axis", "impact.velocity_m_s=230,250"]
+    assert cli.main([*args, "--csv", "--digits", "all", "--plot", "map.svg"]) == 0
+    rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
+    assert (served / "map.svg").stat().st_size
+    for row in rows:
+        velocity = float(row["impact.velocity_m_s"])
+        alone = {"field": "impact.velocity_m_s", "distribution": {**speed, "mean": velocity}}
+        impact = {**study["impact"], "velocity_m_s": velocity}
+        answer = client.post("/trajectory/uncertainty", json={**study, "impact": impact, "uncertain": [alone]}).json()
+        assert row["key"] == answer["key"]
+        assert float(row["ricochet"]) == answer["outcomes"][0]["value"]
+
+
 def test_table_of_a_batch_equals_the_table_of_the_service(
     served: Path, client: httpx.Client, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -11,6 +11,8 @@ import pytest
 
 from service import cli
 from service.cache.cache import ResultCache
+from service.cli.arguments import MANY
+from service.operations import OPERATIONS
 from solver import ENGINE_VERSION
 from tests.cli.commands import ROOT, case_at, run, write_cases
 
@@ -55,6 +57,11 @@ NOT_RUN = {
 """Commands whose examples are not run here, with the reason."""
 TESTS_CSV = "velocity_m_s,depth_m\n238.1,0.30\n275.7,0.38\n314.0,0.45\n369.5,0.53\n"
 POINTS_CSV = "oblique_angle_deg,strength_factor\n0,8.52\n15,8.25\n30,7.91\n45,6.48\n"
+
+
+def test_operations_of_batches_are_those_with_routes_for_them() -> None:
+    """The list is written out, because the table of operations is slow to import."""
+    assert set(MANY) == {name for name, operation in OPERATIONS.items() if operation.many is not None}
 
 
 def help_of(*words: str, capsys: pytest.CaptureFixture[str]) -> str:
