@@ -28,6 +28,7 @@ from service.jobs.studies import StudyService
 from service.operations import KeyedRequest
 from service.queries import Count, QueryService
 from service.telemetry import span_within
+from solver import ParameterError
 
 AHEAD = 10
 """Number of blocks of cases looked up in the cache at once, 2,000 cases. Chosen by judgement: a cached job is marked in
@@ -278,10 +279,15 @@ class Scheduler:
             async for cases in blocks:
                 self._note_handed_out(job)
                 for number, case in cases.items():
-                    record, status = await self._studies.answer(
-                        job.state.operation, case.request, run, urgent=False, report=report
-                    )
-                    await self._mark(job, [CaseResult(number, None, record, None, cached=status == "hit")])
+                    try:
+                        record, status = await self._studies.answer(
+                            job.state.operation, case.request, run, urgent=False, report=report
+                        )
+                    except ParameterError as error:  # A line of a batch in JSON lines has not been checked before.
+                        result = CaseResult(number, None, None, case_problem(error), cached=False)
+                    else:
+                        result = CaseResult(number, None, record, None, cached=status == "hit")
+                    await self._mark(job, [result])
 
     async def _blocks(self, job: ActiveJob) -> Blocks:
         """Yield the unfinished cases of a job in blocks, and mark those that are already in the cache as done."""

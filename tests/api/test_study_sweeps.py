@@ -105,6 +105,17 @@ def test_cases_of_a_batch_are_studies_with_their_names(client: httpx.Client) -> 
     assert bad["problem"]["errors"][0]["pointer"] == "/uncertain/1/field"
 
 
+def test_batch_of_one_study_is_a_job_with_its_name_or_its_problem(client: httpx.Client) -> None:
+    good = seeded(at(231.0, 48.0), 36) | {"custom_id": "alone"}
+    for case, outcome in ((good, "result"), (good | {"uncertain": [SPEED, SPEED]}, "problem")):
+        response = client.post(f"{STRIKES}/batch", content=lines([case]), headers=LINES | ASYNC)
+        job = finished(client, response.json())
+        assert job["status"] == "successful"
+        [item] = client.get(job["links"]["results"]).json()["results"]
+        assert item["custom_id"] == "alone"
+        assert outcome in item
+
+
 def test_sweep_of_more_samples_than_are_answered_at_once_is_a_job(client: httpx.Client) -> None:
     axis = {"field": "impact.velocity_m_s", "start": 230.0, "stop": 240.0, "count": 65}
     response = client.post(f"{STRIKES}/sweep", json={"base": seeded(BASE, 32), "axes": [axis]})
