@@ -445,7 +445,7 @@ class JobManager:
             async for cases in blocks:
                 self._admit(queue, len(cases), max(0, estimate() - received - len(cases)))
                 received += len(cases)
-                first = first or cases[0].request.json
+                first = first or (cases[0].request.json if cases else None)
                 self._received[queue] += len(cases)
                 waiting += cases
                 while len(waiting) >= BLOCK_SIZE:
@@ -493,8 +493,8 @@ class JobManager:
                 return
             removed = await run_sync(partial(self._jobs.expire, at_start=True))
             for state in await run_sync(self._jobs.unfinished):
-                [first] = await run_sync(self._jobs.rows, state, 0, 1)
-                self._scheduler.add(state, first.request)
+                rows = await run_sync(self._jobs.rows, state, 0, 1)
+                self._scheduler.add(state, rows[0].request if rows else None)
             self._going_on = True
             if self._jobs.was_missing and self._queries.cache.found_results:
                 self.warning = (

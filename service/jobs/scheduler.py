@@ -50,7 +50,7 @@ class ActiveJob:
     queue: str
     """Owner whose share of the workers the cases count against."""
     samples: int = 1
-    """Number of samples as which each case counts: the largest of the first case of a sweep or batch of studies."""
+    """Number as which each case counts: for studies, the largest number of samples of the first."""
     ended: Callable[[JobState], object] = lambda _: None
     """Function called once, with the final state."""
     scope: CancelScope = field(default_factory=CancelScope)
@@ -62,7 +62,10 @@ class ActiveJob:
 
     @property
     def left(self) -> int:
-        """Number of unfinished cases or, for studies, of samples that they may take; 0 before one study has begun."""
+        """Number of unfinished cases or, for studies, of samples that they may still take.
+
+        It is 0 before the first report of a job of one study.
+        """
         if self.state.is_study:
             progress = self.state.progress or {"max_samples": 0, "samples": 0}
             return int(progress["max_samples"] - progress["samples"])

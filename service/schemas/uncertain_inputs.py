@@ -251,8 +251,8 @@ def with_centres(uncertain: Sequence[UncertainInput], case: Case) -> list[Uncert
         distribution: Any = each.distribution
         if name := open_centre(each):
             value = _centre(index, name, each.field, uncertain, case, content)
-            each = each.model_copy(update={"distribution": distribution.model_copy(update={name: value})})  # noqa: PLW2901
-        found.append(each)
+            distribution = distribution.model_copy(update={name: value})
+        found.append(each.model_copy(update={"distribution": distribution}))
     return found
 
 
@@ -278,7 +278,8 @@ def _centre(
     """Return the value of a field in a case."""
     if field in MODELS:
         raise _not_discrete(index, field)
-    path, value = field.split("."), cast("Any", content)
+    path = field.split(".")
+    value: Any = content
     for part in path:
         value = value.get(part, {}) if isinstance(value, dict) else {}
     if isinstance(value, float | int) and not isinstance(value, bool):
