@@ -2,8 +2,8 @@
 
 The module of a command has a function `add_NAME(parser)`, which adds the flags and sets `run`, a function of the parsed
 arguments that returns the exit status. Only the module of the command that runs is imported, since `ricochet --help`
-would otherwise take seconds. Most modules import the solver and the service inside functions, so that their help texts
-are as fast.
+would otherwise take seconds. Most modules import the solver and the service inside functions, so that their help is
+fast too.
 """
 
 import argparse
@@ -53,7 +53,7 @@ class Command(NamedTuple):
 
 
 COMMANDS = (
-    Command("init", "write a commented file of a strike to start from", "service.cli.init"),
+    Command("init", "write a commented strike file to start from", "service.cli.init"),
     Command("trajectory", "motion of one impact", "service.cli.single"),
     Command("cra", "critical ricochet angle of one impact", "service.cli.single"),
     Command("uncertainty", "uncertainty of a critical angle or of an outcome", "service.cli.uncertainty"),
@@ -182,7 +182,7 @@ def interrupted() -> int:
 
 
 def prepare_streams() -> None:
-    """Replace closed standard streams by /dev/null, and characters that an encoding lacks by ASCII."""
+    """Replace closed standard streams with /dev/null, and characters that an encoding lacks with ASCII."""
     codecs.register_error("plain", plain)
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         stream = getattr(sys, name)

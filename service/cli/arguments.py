@@ -117,7 +117,7 @@ def read_points(text: str) -> list[list[float]]:
     Raises
     ------
     ArgumentTypeError
-        If the text has another form.
+        If the text does not have this form.
     """
     points = [point.split(",") for point in text.split(":")]
     try:
@@ -318,7 +318,7 @@ STRIKE = (*IMPACT, *BODY, *RESISTANCE)
 SHOWN_UNITS = Flag(
     "--units",
     ("units",),
-    "units in which quantities are shown; those that are given are in SI (default: si)",
+    "units of the report; the input is in SI (default: si)",
     read=str,
     metavar="SYSTEM",
     choices=tuple(UNITS),

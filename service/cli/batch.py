@@ -110,7 +110,7 @@ def add_sweep(parser: argparse.ArgumentParser) -> None:
         help="values separated by commas, or START:STOP:COUNT evenly spaced; up to four axes",
     )
     _add_common(parser)
-    add_plot(parser, "what is found, of trajectories the maximum depth, over one axis, or as a map over two")
+    add_plot(parser, "the result of each case (of a trajectory, its maximum depth) over one axis, or as a map over two")
     parser.set_defaults(run=run_sweep)
 
 
@@ -148,7 +148,7 @@ def run_file(args: argparse.Namespace) -> int:
 
 
 def _run_lines(args: argparse.Namespace, read: "Content") -> int:
-    """Compute the cases of JSON lines while they are read, without checking them first."""
+    """Compute cases from JSON lines as they are read, without checking them first."""
     try:
         return run_batch(args, BatchRequest(_path(args), read, JSONL))
     except RefusedError as error:
@@ -160,7 +160,7 @@ def _path(args: argparse.Namespace, kind: str = "batch") -> str:
 
 
 def _request(args: argparse.Namespace, cases: Sequence[bytes], inputs: Inputs) -> BatchRequest:
-    """Return the request of the valid cases."""
+    """Return the batch request for the valid cases."""
     return BatchRequest(_path(args), lambda: b"\n".join(cases), JSONL, inputs=inputs)
 
 
@@ -330,7 +330,7 @@ def _compute_sweep(args: argparse.Namespace, content: dict[str, Any], writers: S
         from service.cli import local
 
         count = math.prod(len(axis.values) for axis in args.axis)
-        # Parquet files are written by a service, so that a sweep with such an output is a job.
+        # Only a service writes Parquet, so a sweep with such an output runs as a job.
         if local.is_small(args.operation, count) and not args.parquet:
             return write_results(args, local.compute_sweep(args.operation, content), count, content, writers)
     from service.cli.client import JSON, dumps

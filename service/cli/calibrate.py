@@ -54,7 +54,7 @@ def add_calibrate(parser: argparse.ArgumentParser) -> None:
     for name, help_, add_flags in (
         ("depth", "one strength factor from depths in normal impact", add_depth_flags),
         ("motion", "one strength factor from the motion in an oblique impact", add_motion_flags),
-        ("obliquity", "a polynomial over the oblique angle from strength factors", add_obliquity_flags),
+        ("obliquity", "a polynomial in the oblique angle from strength factors", add_obliquity_flags),
     ):
         add_flags(kinds.add_parser(name, help=help_))
     parser.set_defaults(run=run)
@@ -90,7 +90,7 @@ def calibrate_depth(args: argparse.Namespace) -> None:
         grouped=args.group,
     )
     tests = [_fields(asdict(test)) for test in found]
-    # The first request has no factors to compare, since the fitted one, which is compared with them, is not known yet.
+    # The first request compares no factors, because the fitted factor, which belongs among them, is not known yet.
     body.content.pop("compare_strength_factors", None)
     answer = body.answer("calibration_depth", args.url, tests=tests)
     if args.curves or args.strength_factors:  # The fitted factor is now known and gets a curve too.
@@ -149,7 +149,7 @@ distribution = {{ type = "normal", mean = {factor}, standard_deviation = {error}
 
 
 def shots_as_uncertain(tests: Sequence[Mapping[str, Any]], posterior: Mapping[str, float]) -> str:
-    """Return depth tests as TOML: a strength factor of the model `own_tests`, and its scatter as an uncertain input."""
+    """Return depth tests as TOML: a strength factor of model `own_tests`, with its scatter as an uncertain input."""
     from solver.resistance import PLAUSIBLE_FACTORS
 
     kept = ("velocity_m_s", "depth_m", "mass_kg")
@@ -171,7 +171,7 @@ distribution = {{ type = "log_student_t", median = 1.0, {spread}, lower = {lower
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Input:
-    """A history and its impact in the form of a request, and the request without histories."""
+    """A history and its impact as fields of a request, and the request body without histories."""
 
     name: str
     impact: dict[str, Any]
@@ -202,7 +202,7 @@ def _table_inputs(args: argparse.Namespace) -> list[_Input]:
 
 
 def _fields(quantities: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert quantities of the solver to fields of a request, without those that are None."""
+    """Convert quantities of the solver to fields of a request. Quantities that are None are left out."""
     fields, ends = {}, unit_ends()
     for name, quantity in quantities.items():
         value = quantity.tolist() if isinstance(quantity, np.ndarray) else quantity
@@ -225,7 +225,7 @@ def _compared_tables(answer: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _with_impacts(answer: Mapping[str, Any], inputs: Sequence[_Input]) -> dict[str, Any]:
-    """Add the oblique angle, an input of `calibrate obliquity`, to an answer; to several runs also file and speed."""
+    """Add the oblique angle, which `calibrate obliquity` needs, to an answer; with several runs also file and speed."""
     if "runs" not in answer:
         return {"oblique_angle_deg": inputs[0].impact["oblique_angle_deg"], **answer}
     runs = [
@@ -241,7 +241,7 @@ def _with_impacts(answer: Mapping[str, Any], inputs: Sequence[_Input]) -> dict[s
 
 
 def calibrate_obliquity(args: argparse.Namespace) -> None:
-    """Fit a polynomial over the oblique angle, and print it."""
+    """Fit a polynomial in the oblique angle, and print it."""
     found = read_obliquity_points(
         args.points,
         by_quantity("--column", args.column, OBLIQUITY_POINTS),
@@ -290,7 +290,7 @@ def _weights(pairs: Iterable[tuple[str, str]]) -> dict[str, float]:
 
 
 def _write_csv(output: OutputFile, tables: Iterable[Mapping[str, Any]]) -> None:
-    """Write tables one below the other, with a row for each time or velocity; missing columns are empty."""
+    """Write tables one below the other, with a row for each time or velocity. Columns that a table lacks are empty."""
     tables, text = list(tables), io.StringIO()
     names = list(dict.fromkeys(name for table in tables for name in table))
     writer = csv.DictWriter(text, names, lineterminator="\n")
@@ -299,7 +299,7 @@ def _write_csv(output: OutputFile, tables: Iterable[Mapping[str, Any]]) -> None:
         columns = {name: values for name, values in table.items() if isinstance(values, list)}
         for row in zip(*columns.values(), strict=True):
             numbers = {**table, **dict(zip(columns, row, strict=True))}
-            # Nine digits are far more than a fit is accurate to, and few enough to read.
+            # Nine digits are far more than the accuracy of a fit, and few enough to read.
             writer.writerow({name: f"{value:.9g}" for name, value in numbers.items()})
     output.write(text.getvalue().encode())
 

@@ -1,4 +1,4 @@
-"""Input of `ricochet calibrate`: flags, and the request body from flags, a case and a file of data."""
+"""Input of `ricochet calibrate`: flags, and the request body made from flags, a case and a data file."""
 
 import argparse
 import json
@@ -40,9 +40,9 @@ SHORT_NAMES = {
 NOT_USED = ("output", "search", "custom_id")
 """Fields of a case that a calibration ignores."""
 DATA = ("tests", "history", "runs", "points")
-"""Fields of a calibration that come from a file of data."""
+"""Fields of a calibration that come from a data file."""
 NOT_FITTED = frozenset({"/tests", "/history", "/runs"})
-"""Pointers to the data of a fit as a whole. An error with such a pointer means that valid data cannot be fitted."""
+"""Pointers to the whole data of a fit. An error with such a pointer means that valid data cannot be fitted."""
 VERBOSE = "print the warnings in full, with the standing notes"
 CSV_FILES = (
     "Columns are found by their names, with the unit at the end (time_s, depth_displacement_mm, rotation_deg, "
@@ -56,7 +56,7 @@ DYNA_FILES = (
 
 
 def add_depth_flags(parser: argparse.ArgumentParser) -> None:
-    """Add the flags of the fit to depths."""
+    """Add the flags of `ricochet calibrate depth`."""
     parser.description = f"Fit the strength factor to depths of normal-impact tests. {CSV_FILES}"
     parser.epilog = examples("ricochet calibrate depth tests.csv --case strike.toml")
     parser.add_argument(
@@ -74,7 +74,7 @@ def add_depth_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def add_motion_flags(parser: argparse.ArgumentParser) -> None:
-    """Add the flags of the fit to a motion."""
+    """Add the flags of `ricochet calibrate motion`."""
     parser.description = (
         "Fit the strength factor to the motion of the centre of gravity since first contact: depth displacement, "
         "lateral displacement and rotation (positive as the nose turns toward the face), or some of them. "
@@ -139,9 +139,9 @@ def add_motion_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def add_obliquity_flags(parser: argparse.ArgumentParser) -> None:
-    """Add the flags of the fit over the oblique angle."""
+    """Add the flags of `ricochet calibrate obliquity`."""
     parser.description = (
-        "Fit a polynomial over the oblique angle to strength factors, weighted by their standard errors if given, and "
+        "Fit a polynomial in the oblique angle to strength factors, weighted by their standard errors if given, and "
         f"print it as the strength_factor of a request. {CSV_FILES}"
     )
     parser.epilog = examples("ricochet calibrate obliquity points.csv")
@@ -294,9 +294,9 @@ class CalibrationBody(RequestBody):
 def calibration_body(
     args: argparse.Namespace, model: type[CalibrationT], flags: Sequence[Flag], data_file: str
 ) -> tuple[CalibrationBody, CalibrationT]:
-    """Return the body of a fit without data, from flags and the file of `--case`, and its validated form.
+    """Return the request body of a fit without its data, from flags and the file of `--case`, and its validated form.
 
-    It is validated before the data are read, because these are checked against projectile and impact.
+    It is validated before the data are read, because the data are checked against the projectile and the impact.
 
     Raises
     ------
@@ -304,12 +304,12 @@ def calibration_body(
         If the file holds no JSON object or a field is invalid; the message names the flag or the pointer.
     """
     case = read_body(args.case, args, flags)
-    # These fields are ignored rather than refused, so that the file of a strike serves for its calibration too.
+    # These fields are ignored rather than refused, so that a strike file serves for its calibration too.
     content = {name: value for name, value in case.content.items() if name not in NOT_USED}
     if "impact" not in model.model_fields:
         content.pop("impact", None)
     if isinstance(content.get("resistance"), dict):
-        # The fit determines the strength factor, so that of the case is ignored.
+        # The fit determines the strength factor, so the strength factor of the case is ignored.
         content["resistance"] = {k: v for k, v in content["resistance"].items() if k != "strength_factor"}
     content["confidence_level"] = args.confidence
     given = {**case.given, "/confidence_level": "--confidence", "/weights": "--weight"}

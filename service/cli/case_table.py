@@ -44,12 +44,13 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "_kg_m3": DENSITY,
     "_kg_m2": INERTIA,
 }
-"""Accepted units of a column with their factors to the unit of the contract, by suffix of the field."""
+"""Accepted units of a column, by the suffix of its field, each with the factor that converts it to the unit of the
+field."""
 GREEK = str.maketrans({"ρ": "rho", "ψ": "psi", "θ": "theta", "ω": "omega", "ν": "nu"})
 APOSTROPHES = re.compile("['\N{PRIME}\N{RIGHT SINGLE QUOTATION MARK}]")
 NO_WORD = re.compile(r"[^a-z0-9]+")
 SOUGHT = ("impact.oblique_angle_deg", "impact.velocity_m_s", "target.thickness_m")
-"""Fields that a search determines, which its cases therefore lack."""
+"""Fields that a search determines, and that its cases therefore lack."""
 NEEDED = frozenset(
     (
         "projectile.diameter_m",
@@ -64,7 +65,7 @@ NEEDED = frozenset(
 """Fields whose columns must not have empty cells: a gap is more likely a mistake than a request for the value in the
 file of `--case`."""
 MAX_SHOWN = 40
-"""Largest number of characters of a header that an error quotes or a suggestion is searched for: about half a line."""
+"""Number of characters of a header that are quoted in an error and compared with field names, about half a line."""
 MAX_COLUMNS = 10
 """Largest number of columns named in one error, a rough choice: a longer list would not be read."""
 
@@ -79,7 +80,7 @@ class Column(NamedTuple):
     steps
         Path of the field; empty if the column is only copied to the output.
     factor
-        Factor from the unit of the column to that of the field.
+        Factor that converts the unit of the column to the unit of the field.
     """
 
     header: str
@@ -127,13 +128,13 @@ class CaseTable:
     rows: Sequence[Row]
 
     def gives(self, pointer: str) -> bool:
-        """Return True if a column gives a field or a part of it."""
+        """Return True if a column sets a field or a part of it."""
         return any(f"{column.pointer}/".startswith(f"{pointer}/") for column in self.columns if column.steps)
 
     def described(self, row: Row, pointer: str, detail: str) -> str:
-        """Return the message of an error, beginning with the cell; empty if no cell sets the field."""
+        """Return an error message that begins with the place of the cell; empty if no cell sets the field."""
         name, _, of_model = detail.removeprefix("`").partition("` ")
-        if of_model:  # The error of an unknown model points to the part; its cell is that of the field with the name.
+        if of_model:  # The error of an unknown model points to the part; the wrong cell is that of its name.
             pointer, detail = f"{pointer}/{name}", of_model
         for column, cell in zip(self.columns, row.cells, strict=True):
             if column.steps and column.pointer == pointer:
@@ -143,7 +144,7 @@ class CaseTable:
                     return f"{place}: {detail}{typed}{decimal_hint(cell)}"
                 if detail == MISSING:
                     return f"{place}: the cell is empty"
-        if detail == MISSING:  # If all cells of an object are empty, the pointer is that of the object.
+        if detail == MISSING:  # If all cells of an object are empty, the pointer names the object.
             for column, cell in zip(self.columns, row.cells, strict=True):
                 if column.pointer.startswith(f"{pointer}/") and is_needed(column) and not cell:
                     return f"{self.path}:{row.line}: {column.header}: the cell is empty"
@@ -172,7 +173,7 @@ def read_cases(file: Path, operation: str, base: Mapping[str, Any], keep: Collec
     Parameters
     ----------
     base
-        Fields of every case, which the cells of a row replace unless they are empty.
+        Fields of every case. Cells that are not empty override them.
     keep
         Headers of columns that are not fields and are only copied to the output.
 
@@ -209,7 +210,7 @@ def _columns(table: Table, fields: Sequence[str], keep: Collection[str]) -> list
     Raises
     ------
     CommandError
-        If some columns are not fields, or two of them are the same field.
+        If some columns are not fields, or two of them set the same field.
     """
     columns, unknown = list[Column](), list[str]()
     by_field = dict[str, str]()
@@ -237,7 +238,7 @@ def _columns(table: Table, fields: Sequence[str], keep: Collection[str]) -> list
 
 
 def _field_of(header: str, fields: Sequence[str]) -> tuple[str, float, str]:
-    """Return the field of a column, the factor from its unit, and the error of the header if there is one."""
+    """Return the field of a column, the conversion factor of its unit, and the error of an invalid header."""
     from service.schemas.similar_names import meant_as
 
     shown = repr(header[:MAX_SHOWN])
@@ -247,7 +248,7 @@ def _field_of(header: str, fields: Sequence[str]) -> tuple[str, float, str]:
     name = "number" if stem == "#" else NO_WORD.sub("_", APOSTROPHES.sub("", stem.lower().translate(GREEK))).strip("_")
     if not found:
         found = {field: unit or given for field in fields if (given := _unit_in(name, field)) is not None}
-    # The field with the shortest path takes precedence: the length of a projectile before that of its boat-tail.
+    # The field with the shortest path takes precedence: the length of the projectile, not the length of its boat-tail.
     nearest = min((field.count(".") for field in found), default=0)
     found = {field: unit for field, unit in found.items() if field.count(".") == nearest}
     if len(found) > 1:
@@ -268,7 +269,7 @@ def _field_of(header: str, fields: Sequence[str]) -> tuple[str, float, str]:
 
 
 def _remove_field(body: dict[str, Any], steps: Sequence[str]) -> None:
-    """Remove a field of a body, if it is there."""
+    """Remove a field from a request body if the body has it."""
     holder: Any = body
     for step in steps[:-1]:
         holder = holder.get(step) if isinstance(holder, dict) else None
@@ -277,7 +278,7 @@ def _remove_field(body: dict[str, Any], steps: Sequence[str]) -> None:
 
 
 def _unit_in(name: str, field: str) -> str | None:
-    """Return the unit in a column name that matches a field, empty without one; None if the name does not match."""
+    """Return the unit in a column name that matches a field, or an empty string; None if the name does not match."""
     last = field.rpartition(".")[2]
     names = {*ALIASES.get(field, ()), last.removesuffix(unit_end(last))}
     if name in names:

@@ -1,4 +1,4 @@
-"""HTTP client of a service on another machine or in this process."""
+"""HTTP client for a service on another machine or in this process."""
 
 import json
 import os
@@ -19,7 +19,7 @@ from service.cli.arguments import FAILED, CommandError, RefusedError, reason_of
 API_KEY = "RICOCHET_API_KEY"
 """Environment variable with the API key. A flag would be visible in the list of processes."""
 TIMEOUT = httpx.Timeout(120.0, connect=10.0)
-"""Timeouts of a request [s], longer than those of a single query, which waits at most 30 s and runs at most 60 s."""
+"""Timeouts of a request [s], above the limits of a single query: 30 s in the queue and 60 s of computation."""
 RETRY_PAUSES = (1.0, 2.0, 4.0, 8.0, 10.0, 10.0, 10.0)
 """Backoff before a request is repeated after a lost connection, 45 s in all: a restart of the service takes seconds, or
 a minute if the solver has to be compiled. [s]"""
@@ -28,14 +28,14 @@ LONGEST_PAUSE = 60.0
 BUSY = frozenset({429, 503})
 """Statuses after which a request is retried."""
 NOT_IN_KEYS = re.compile(r"[^!-~]|[\"']")
-"""Characters that a key must not contain: all but printable ASCII, because it is sent in a header, and quotes, which
-are usually copied by mistake from an environment file."""
+"""Characters that an API key must not contain: all but printable ASCII, because the key is sent in a header, and
+quotes, which are usually copied by mistake from an environment file."""
 PROXIES = ("ALL_PROXY", "HTTP_PROXY", "HTTPS_PROXY", "NO_PROXY")
-"""Environment variables of proxies that httpx reads."""
+"""Environment variables from which httpx reads proxies."""
 CERTIFICATES = ("SSL_CERT_FILE", "SSL_CERT_DIR")
-"""Environment variables of certificates that httpx reads."""
+"""Environment variables from which httpx reads certificates."""
 PAGE_SIZE = 1000
-"""Number of rows in a page, the largest that a service sends."""
+"""Number of items requested per page, the most that a service sends."""
 UNFINISHED = frozenset({"accepted", "running"})
 """Statuses of a job that has not ended."""
 POLL_SECONDS = 0.2
@@ -51,12 +51,13 @@ once."""
 def connect(address: str, *, socket: str | None = None, **options: Any) -> Iterator["Client"]:
     """Open a client for the service at an address, or at the path of a Unix domain socket.
 
-    Error messages never contain the text of the library, which quotes headers and URLs with the secrets in them.
+    Error messages never quote those of httpx, which contain headers and URLs with the secrets in them.
 
     Raises
     ------
     CommandError
-        If the address is not an HTTP address, no header can hold the API key, or a variable is wrong.
+        If the address is not an HTTP URL, the API key has characters that no header may contain, or a variable for
+        proxies or certificates is invalid.
     """
     # A key that was read from a file often ends with a line break, which no header may contain.
     key = os.environ.get(API_KEY, "").strip()
@@ -80,12 +81,12 @@ def connect(address: str, *, socket: str | None = None, **options: Any) -> Itera
 
 
 def set_variables(names: Iterable[str]) -> list[str]:
-    """Return the names of set environment variables, compared without regard to case as httpx does."""
+    """Return which of the named environment variables are set, ignoring case as httpx does."""
     return [name for name in os.environ if name.upper() in names and os.environ[name]]
 
 
 def direct_transport(url: httpx.URL, socket: str | None) -> dict[str, Any]:
-    """Return the options of a transport that bypasses proxies, for a service on this machine; empty for others."""
+    """Return the options of a transport that bypasses proxies. They are empty unless the service is on this machine."""
     loopback = url.host == "localhost"
     with suppress(ValueError):
         loopback = loopback or ip_address(url.host).is_loopback
@@ -93,7 +94,10 @@ def direct_transport(url: httpx.URL, socket: str | None) -> dict[str, Any]:
 
 
 def wrong_variables(error: Exception) -> str:
-    """Return the message for invalid variables of proxies or certificates, without values, which may be passwords."""
+    """Return the message for invalid proxy or certificate variables.
+
+    It omits their values, which may contain passwords.
+    """
     names = set_variables(CERTIFICATES if isinstance(error, OSError) else PROXIES)
     if isinstance(error, ImportError):
         names = [name for name in names if os.environ[name].startswith("socks")]
@@ -135,7 +139,7 @@ class Client:
     async def compute_until_cancelled(
         self, http: httpx.AsyncClient, operation: str, body: dict[str, Any]
     ) -> dict[str, Any]:
-        """Return the answer to one case. A busy service is not retried; the problem then has `retry_after_s`."""
+        """Return the answer to one case. A busy service is not retried, but the problem has `retry_after_s` then."""
         try:
             response = await http.post(path_to(operation), content=dumps(body), headers={"Content-Type": JSON})
         except httpx.TransportError as lost:
@@ -161,7 +165,10 @@ class Client:
         return parse(self._send("GET", path_of(job_id)))
 
     def job_at_its_end(self, job_id: str) -> dict[str, Any]:
-        """Wait until a job has ended, and return its state. Its last result may be available just before it ends."""
+        """Wait until a job has ended, and return its state.
+
+        The last result may become available shortly before the end.
+        """
         while (job := self.job(job_id))["status"] in UNFINISHED:
             time.sleep(POLL_SECONDS)
         return job
@@ -182,11 +189,11 @@ class Client:
         return self._send("GET", f"/results/{quote(key, safe='')}").content
 
     def page(self, job_id: str, cursor: str) -> dict[str, Any]:
-        """Return a page of the available results of a job. The page has `next` if more results may follow."""
+        """Return one page of the available results of a job. It has `next` if more results may follow."""
         return parse(self._send("GET", f"{path_of(job_id)}/results?limit={PAGE_SIZE}&cursor={cursor}"))
 
     def parquet(self, job_id: str, limit: int | None = None) -> bytes:
-        """Return the summaries of the available results of a job, or of the first `limit` ones, as a Parquet file."""
+        """Return the summaries of the available results of a job, at most `limit` of them, as a Parquet file."""
         path = f"{path_of(job_id)}/results" + ("" if limit is None else f"?limit={limit}")
         return self._send("GET", path, headers={"Accept": PARQUET}).content
 
@@ -201,7 +208,7 @@ class Client:
     def _send(
         self, method: str, path: str, content: Content | None = None, headers: dict[str, str] | None = None
     ) -> httpx.Response:
-        """Send a request that may be repeated, and return the response.
+        """Send a request, retrying it while the service is busy or restarting, and return the response.
 
         Raises
         ------
@@ -216,7 +223,8 @@ class Client:
                 # A request may be repeated: a computation gives the same answer, and jobs have an idempotency key.
                 response = self._http.request(method, path, content=content() if content else None, headers=headers)
             except httpx.TransportError as error:
-                # A service that has never answered is more likely absent than restarting, so that it is not waited for.
+                # A service that has never answered is more likely absent than restarting, so the request is not
+                # retried.
                 if pause is None or not self._reached:
                     raise self._unreachable(error) from None
                 time.sleep(pause)
@@ -273,7 +281,7 @@ def parse(response: httpx.Response) -> dict[str, Any]:
     Raises
     ------
     CommandError
-        If the response is not a JSON object, so that the server is another program.
+        If the response is not a JSON object, which shows that the server is not a ricochet service.
     """
     try:
         content = orjson.loads(response.content)
@@ -285,7 +293,7 @@ def parse(response: httpx.Response) -> dict[str, Any]:
 
 
 def refusal(response: httpx.Response) -> RefusedError:
-    """Return the problem document of a response, or one made from its status."""
+    """Return an error with the problem document of a response, or with one made from its status."""
     problem: Any = None
     if response.headers.get("content-type", "").startswith("application/problem+json"):
         problem = parse(response)

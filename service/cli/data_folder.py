@@ -29,11 +29,11 @@ CACHE_ACTIONS = (
     ("evict", "remove the least recently used results", "ricochet cache evict --bytes 1000000000"),
 )
 MAX_OWNER_LENGTH = 100
-"""Largest number of characters of an owner, a rough choice: the name appears in each line of the audit log."""
+"""Longest name of an owner [characters]. A rough choice: the name appears in each line of the audit log."""
 MAX_CASES = 1_000_000_000
-"""Largest quota in cases per hour. It only catches typing errors: no service computes as many."""
+"""Largest accepted quota [cases per hour]. It only catches typing errors, since no service computes as many."""
 MAX_DAYS = 36_500.0
-"""Longest lifetime of a key, a century, which only catches typing errors. [days]"""
+"""Longest accepted lifetime of a key [days]. A century, which only catches typing errors."""
 
 
 def add_folder(parser: argparse.ArgumentParser) -> None:
@@ -42,7 +42,7 @@ def add_folder(parser: argparse.ArgumentParser) -> None:
 
 
 def settings_for(args: argparse.Namespace) -> "Settings":
-    """Read the settings, with the data folder of `--data-dir` if it is given."""
+    """Read the settings; `--data-dir` overrides the data folder."""
     return read_settings(**({} if args.data_dir is None else {"data_dir": args.data_dir}))
 
 
@@ -152,7 +152,13 @@ def add_cache(parser: argparse.ArgumentParser) -> None:
 
 
 def run_cache(args: argparse.Namespace) -> int:
-    """Run an action on the results; return 1 if it is not possible or files are damaged."""
+    """Run an action on the stored results; return 1 if files are damaged.
+
+    Raises
+    ------
+    CommandError
+        If the folder cannot be used, for example because a service runs on it.
+    """
     from service.cache import maintenance
     from service.errors import UnusableFolderError
 

@@ -1,6 +1,6 @@
 """HTTP/1.1 by uvicorn and httptools, with two changes: upgrades are ignored, and the size of heads is limited.
 
-Uvicorn's other parser, h11, ignores upgrades too. But its regular expression takes 13 s for a head of 64 kB with a
+Uvicorn's other parser, h11, ignores upgrades too, but its regular expression takes 13 s for a head of 64 kB with a
 header of blanks that ends in a NUL (65 ms for 4 kB), and blocks the event loop meanwhile.
 """
 
@@ -38,7 +38,7 @@ class HttpProtocol(HttpToolsProtocol):
     A server may ignore an offer to change the protocol (RFC 9110, section 7.8), which Java's client and `curl --http2`
     make with every request. llhttp, the parser in httptools, does not read the body of such a request and expects
     another protocol after its head. The head is therefore parsed again without the header `Upgrade` by a new parser,
-    which then continues with the connection.
+    which then handles the rest of the connection.
     """
 
     def __init__(self, *args: Any, **options: Any) -> None:
@@ -52,7 +52,7 @@ class HttpProtocol(HttpToolsProtocol):
         """Parse some bytes; refuse a head that is too long."""
         begun = self.headers if self._in_head else None
         super().data_received(data)
-        while again := self._declined:  # A recursion could overflow: thousands of requests may be pipelined.
+        while again := self._declined:  # Recursion could overflow the stack: thousands of requests may be pipelined.
             self._declined = b""
             super().data_received(again)
         if not self._in_head or self.headers is not begun:  # Each request has its own list: this head is new.
@@ -65,7 +65,7 @@ class HttpProtocol(HttpToolsProtocol):
             self.transport.close()
 
     def decline_upgrade(self, rest: bytes) -> None:
-        """Schedule the head without the header `Upgrade`, and the bytes after it, for another parse."""
+        """Arrange for the head without the header `Upgrade`, and the bytes after it, to be parsed again."""
         kept = [(name, value) for name, value in self.headers if name != b"upgrade"]
         if len(kept) == len(self.headers):  # `CONNECT` changes the protocol without that header, and is refused.
             self.send_400_response("Invalid HTTP request received.")

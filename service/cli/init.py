@@ -1,4 +1,4 @@
-"""`ricochet init` and `ricochet completion`: write a commented file of a strike, and print a script for a shell."""
+"""`ricochet init` and `ricochet completion`: write a commented strike file or a shell completion script."""
 
 import argparse
 import csv
@@ -13,7 +13,7 @@ STRIKE = """\
 # A strike, for `ricochet cra` and the other commands. SI units; angles in degrees from the inward normal of the face.
 # Lines that begin with "# " and hold a field are optional: remove the "# " to use one, in place of another of its name.
 
-# strength_scatter = "paper_table_1"  # S as sure as after the paper's tests; as by its law unless given
+# strength_scatter = "paper_table_1"  # scatter of S in the paper's own tests; by default the scatter of its law
 
 [projectile]
 diameter_m = 0.08  # diameter of the shank
@@ -24,22 +24,22 @@ nose = { shape = "ogive", caliber_radius_head = 3.0 }  # radius of the ogive ove
 # nose = { shape = "spherical", caliber_radius_head = 0.5 }
 # nose = { shape = "sphere" }  # the whole body: length_m is diameter_m
 # nose = { shape = "flat" }
-# nose = { shape = "profile", points = [[0.0, 0.01], [0.06, 0.03], [0.12, 0.04]] }  # [m] from the tip: x, radius
-# center_of_gravity_m = 0.3  # behind the nose tip; that of a homogeneous body unless given
-# moment_of_inertia_kg_m2 = 0.25  # transverse, about the centre of gravity; that of a homogeneous body unless given
+# nose = { shape = "profile", points = [[0.0, 0.01], [0.06, 0.03], [0.12, 0.04]] }  # x from the tip, radius [m]
+# center_of_gravity_m = 0.3  # behind the nose tip; by default of a homogeneous body
+# moment_of_inertia_kg_m2 = 0.25  # transverse, about the centre of gravity; by default of a homogeneous body
 
 [target]
 compressive_strength_pa = 39e6  # unconfined, of the concrete: 39 MPa
 density_kg_m3 = 2250.0
-# youngs_modulus_pa = 29.5e9  # from the strength by ACI 318-19 unless given
+# youngs_modulus_pa = 29.5e9  # by default from the strength by ACI 318-19
 # poissons_ratio = 0.5
-# thickness_m = 0.5  # a wall; a half-space unless given
+# thickness_m = 0.5  # of a wall; without it the target is a half-space
 
 [impact]
 velocity_m_s = 238.0
 # angle_of_attack_deg = 1.0  # axis minus velocity, positive with the nose turned toward the face
 # angular_velocity_rad_s = 0.0
-# The oblique angle is sought by `cra`; other commands take it from --angle.
+# `cra` finds the oblique angle; other commands take it from --angle.
 
 [resistance]
 # strength_factor = { model = "obliquity_polynomial", coefficients = [8.469, 0.0149, -0.0013] }  # eq. 9, the default
@@ -65,7 +65,7 @@ TABLE_ENDINGS = (".csv", ".xlsx")
 def add_init(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `ricochet init`."""
     parser.description = (
-        "Write a file of a strike to start from: the strike of the source paper, with every nose shape and strength "
+        "Write a strike file to start from: the strike of the source paper, with every nose shape and strength "
         "law as a comment; or with --table a table of cases for `ricochet batch`. An existing file is not changed."
     )
     parser.epilog = examples("ricochet init", "ricochet init wall.toml", "ricochet init --table cases.csv")
@@ -76,7 +76,7 @@ def add_init(parser: argparse.ArgumentParser) -> None:
 
 
 def run_init(args: argparse.Namespace) -> int:
-    """Write the file of a strike or, with `--table`, a table of cases."""
+    """Write a strike file or, with `--table`, a table of cases."""
     file, command, content = args.file, "cra", STRIKE.encode()
     if args.table:
         file, command = args.table, "batch"
@@ -106,11 +106,11 @@ def as_workbook(table: str) -> bytes:
 def add_completion(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `ricochet completion`."""
     parser.description = (
-        "Print a script with which a shell completes commands, flags, their choices and files. Append it to ~/.bashrc "
+        "Print a script that lets a shell complete commands, flags, their choices and files. Append it to ~/.bashrc "
         "or ~/.zshrc, or write it to ~/.config/fish/completions/ricochet.fish."
     )
     parser.epilog = examples("ricochet completion bash", "ricochet completion zsh", "ricochet completion fish")
-    parser.add_argument("shell", choices=("bash", "zsh", "fish"), help="shell for which the script is printed")
+    parser.add_argument("shell", choices=("bash", "zsh", "fish"), help="shell that will run the script")
     parser.set_defaults(run=run_completion)
 
 

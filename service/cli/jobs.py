@@ -1,4 +1,4 @@
-"""`ricochet jobs`, and the running of batches and sweeps as jobs: submission, progress, and writing of results."""
+"""`ricochet jobs`, and functions that run batches and sweeps as jobs: submit, show progress, write results."""
 
 import argparse
 import json
@@ -39,8 +39,8 @@ if TYPE_CHECKING:
 
 DEFAULT_URL = "http://127.0.0.1:8000"
 SHORTEST_PAUSE, LONGEST_PAUSE = 0.05, 0.5
-"""Shortest and longest interval between requests for new results of a job [s]. It is doubled while there are none. A
-rough choice: the end of a small job is noticed at once, and a long one costs two requests a second."""
+"""Shortest and longest interval between requests for new results of a job [s]. It doubles while there are none. A rough
+choice: the end of a small job is noticed at once, and a long one costs two requests a second."""
 ACTIONS = (
     ("list", "list the jobs, the newest first", "ricochet jobs list"),
     ("show", "print the state of a job", "ricochet jobs show ID --json"),
@@ -152,7 +152,7 @@ def run_batch(args: argparse.Namespace, request: BatchRequest) -> int:
         try:
             return follow(client, job, args, stream, request)
         finally:
-            # The private service ends here, so that the job is of no further use; its results stay in the cache.
+            # The private service ends here, so the job is of no further use. Its results stay in the cache.
             with suppress(CommandError):
                 client.delete(job["id"])
 
@@ -169,7 +169,7 @@ def write_results(
     Parameters
     ----------
     results
-        Results in order, each of which is computed when it is taken.
+        Results in order. Each is computed when the iterable yields it.
     count
         Number of results.
     content
@@ -210,7 +210,7 @@ def report_counts(args: argparse.Namespace, counts: Counts) -> None:
 
 
 def service_for(args: argparse.Namespace) -> AbstractContextManager["Client"]:
-    """Return a client of the service at `--url`, or of a private service in this process."""
+    """Open a client for the service at `--url`, or for a private service in this process."""
     if args.url:
         from service.cli.client import connect
 
@@ -236,9 +236,9 @@ def follow(
     Parameters
     ----------
     stream
-        Output for the results in the format of the flags. Parquet is written by the service.
+        Output for the results in the format of the flags. A Parquet file comes from the service as a whole.
     request
-        Request of the job, if this command has sent it.
+        Request that created the job, if this command has sent it.
 
     Raises
     ------
@@ -253,7 +253,7 @@ def follow(
         base = asked["base"] if "axes" in asked else None
         writers.insert(0, writer_for(args, stream, job["operation"], base, inputs))
     if args.parquet:
-        # A service without Parquet refuses the output now rather than after the work.
+        # A service without Parquet thus refuses the output before the computation rather than after it.
         client.parquet(job["id"], limit=1)
     with kept_rows(args, stream, counts, job["counts"]["total"]):
         try:
@@ -292,7 +292,7 @@ def pages(client: "Client", job_id: str, report: ProgressReport) -> Iterator[Seq
             return
         counts = client.job(job_id)["counts"]
         report(counts["done"], counts["total"])
-        # A pause is made only if the cursor has not moved, which means that there are no new results.
+        # Pause only if the cursor has not moved, which means that there are no new results.
         if page["next"] == cursor:
             time.sleep(pause)
             pause = min(2.0 * pause, LONGEST_PAUSE)

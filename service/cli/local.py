@@ -1,4 +1,4 @@
-"""Computation of single answers and small sweeps in this process; for larger ones see `server`."""
+"""Computation of single answers and small sweeps in this process; `server` runs larger ones."""
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -37,12 +37,12 @@ def refusals() -> Iterator[None]:
 
 
 MOST_CHECKED = 2_000
-"""Largest number of cases of a batch that the solver checks before the computation, in 0.4 ms each and 0.8 s in all.
-Any further case whose values contradict each other has a problem as its result."""
+"""Largest number of cases of a batch that the solver checks before the computation. The checks take 0.4 ms each and 0.8
+s in all. Any further case whose values contradict each other has a problem as its result."""
 
 
 def wrong_cases(operation: str, cases: Iterable[Any]) -> dict[int, list[dict[str, str]]]:
-    """Return the errors of a batch by the number of the case, from the checks that a service makes.
+    """Return the errors of the cases of a batch by case number, found by the checks that a service makes.
 
     Parameters
     ----------
@@ -196,7 +196,8 @@ def compute_sweep(operation: str, content: dict[str, Any]) -> Iterator[Item]:
 
     with refusals():
         points = _points(operation, content)
-    # All points were validated before the first is computed, so that an invalid one is not reported after minutes only.
+    # All points are validated before the first is computed, as an invalid one would otherwise be reported after
+    # minutes.
     for number, (point, request) in enumerate(points):
         item: dict[str, Any] = {"index": number, "point": point}
         try:

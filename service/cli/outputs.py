@@ -41,7 +41,7 @@ class OutputFile:
     flag
         Flag for messages.
     endings
-        Accepted file extensions. If it is a mapping to format flags, any name is accepted with such a flag.
+        Accepted file extensions. If they are mapped to format flags, any file name is accepted with such a flag.
     text
         Path as typed.
     """
@@ -78,8 +78,8 @@ class OutputFile:
         Raises
         ------
         CommandError
-            If it is a folder, its folder does not exist, or the same file is also read or written, even under another
-            name.
+            If the path is a folder, its parent folder does not exist, or the same file is also read or written, even
+            under another name.
         """
         with self._errors():
             if self.path.is_dir():
@@ -97,7 +97,7 @@ class OutputFile:
         Raises
         ------
         CommandError
-            If the file cannot be written. It is left unchanged then.
+            If the file cannot be written; it is then left unchanged.
         """
         with self._errors(), self.open() as stream:
             stream.buffer.write(content)
@@ -112,7 +112,7 @@ class OutputFile:
         Parameters
         ----------
         keep
-            Keep the temporary file under its own name if the block fails.
+            Keep the temporary file, unless it is empty, if the block fails.
 
         Raises
         ------
@@ -153,13 +153,13 @@ class OutputFile:
 
 
 def _target(path: Path) -> Path:
-    """Return the file that links lead to, which need not exist; for a pipe in /proc, which has no path, the link."""
+    """Return the file that links lead to, which need not exist; for a pipe in /proc, return the link itself."""
     resolved = Path(os.path.realpath(path)) if path.is_symlink() else path
     return path if path.exists() and not resolved.exists() else resolved
 
 
 def _identity(file: InputFile | OutputFile) -> tuple[int | str, ...] | None:
-    """Return a value that is the same for all names of a regular file; None for anything else."""
+    """Return a value that is the same for all names of a file; None for a pipe, a device or a missing input file."""
     try:
         if isinstance(file, InputFile):
             found = os.fstat(0) if file == STANDARD else Path(file).stat()
@@ -178,7 +178,7 @@ def _open_beside(path: Path) -> TextIO:
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
         folder = Path(tempfile.gettempdir())
     for number in count(1):
-        # An existing partial file has the rows of an interrupted batch, which must not be overwritten.
+        # An existing partial file holds the rows of an interrupted batch, and must not be overwritten.
         name = f"{path.stem}.partial{'' if number == 1 else f'-{number}'}{path.suffix}"
         with suppress(FileExistsError):
             return (folder / name).open("x", encoding="utf-8", newline="")
@@ -238,12 +238,12 @@ def _digits(text: str) -> int | None:
 
 
 def add_output(parser: argparse.ArgumentParser) -> None:
-    """Add `--output` and the formats of the results of many cases."""
+    """Add `--output` and the format flags of the results of many cases."""
     formats = add_formats(parser, json="print JSON lines", csv="print the summaries as CSV", endings=MANY_ANSWERS)
     formats.add_argument(
         "--parquet", action="store_true", help="write the summaries as Parquet; needs the extra parquet at the service"
     )
-    parser.set_defaults(xlsx=False)  # Only a file extension sets it: a workbook is not printed.
+    parser.set_defaults(xlsx=False)  # Only a file extension sets it, because a workbook cannot be printed.
 
 
 def add_plot(parser: argparse.ArgumentParser, what: str) -> None:
@@ -280,7 +280,10 @@ def check_outputs(args: argparse.Namespace) -> None:
 
 
 def _is_standard(output: OutputFile) -> bool:
-    """Return True if a path names standard output, which must not be opened twice, since both outputs would mix."""
+    """Return True if a path names standard output: `-`, or the path of the file or pipe it goes to.
+
+    Such a file must not be opened twice, since both outputs would mix.
+    """
     if output.text == STANDARD:
         return True
     with suppress(OSError):
@@ -290,7 +293,7 @@ def _is_standard(output: OutputFile) -> bool:
 
 @contextmanager
 def one_answer(args: argparse.Namespace) -> Iterator[None]:
-    """Redirect the output of a command with one answer to the file of `--output`, written at the end.
+    """Redirect the output of a command with one answer to the file of `--output`, which is written at the end.
 
     Commands with many answers write their file as results become available.
     """

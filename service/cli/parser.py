@@ -1,4 +1,4 @@
-"""Parser of the command line: argparse with error messages of one line and suggestions for misspelt words."""
+"""Command-line parser: argparse with one-line error messages and suggestions for misspelt words."""
 
 import argparse
 import difflib
@@ -18,7 +18,7 @@ FLAG_COLUMN = re.compile(r"^  (-.*)$", re.MULTILINE)
 """Pattern of the lines of a help text that begin with a flag."""
 FLAG = re.compile(r"(?<![\w-])--?[a-z][a-z-]*")
 SIMILAR = 0.7
-"""Ratio of difflib from which a flag without its hyphens is suggested for a misspelt one, a rough choice. [1]"""
+"""Least difflib ratio at which a flag is suggested for a misspelt one, without hyphens. A rough choice. [1]"""
 WORDING: Sequence[tuple[str, Callable[[re.Match[str]], str]]] = (
     (
         r"argument (?P<flag>-.*?): invalid choice: '?(?P<word>.*?)'? \(choose from (?P<known>.*)\)",
@@ -56,7 +56,7 @@ class Parser(argparse.ArgumentParser):
 
     def format_help(self) -> str:
         """Return the help text with its description wrapped to the width of the terminal."""
-        # argparse wraps both description and examples, or neither, so that the description is wrapped here.
+        # argparse wraps both description and examples, or neither, so the description is wrapped here.
         width = shutil.get_terminal_size().columns - 2
         self.description = textwrap.fill(self.description or "", width)
         return super().format_help()
@@ -80,7 +80,7 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(message, self.prog)
 
     def _meant(self, name: str) -> str:
-        """Return a suggestion for a misspelt flag, preferably a flag of the same quantity."""
+        """Return a suggestion for a misspelt flag, preferably the flag of the quantity that it names."""
         known = {flag for line in FLAG_COLUMN.findall(self.format_help()) for flag in FLAG.findall(line)}
         quantity = name.lstrip("-").replace("-", "_")
         for flag in STRIKE:

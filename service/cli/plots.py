@@ -1,4 +1,4 @@
-"""Plots of answers in files."""
+"""Plots of answers, written to files."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -20,7 +20,7 @@ SNAPSHOTS = 5
 MARGIN = 0.08
 """Margin around the projectile, relative to its length: enough for lines and dots at its edge. [1]"""
 SQUARE, WIDE = (6.0, 4.0), (8.0, 4.0)
-"""Sizes of figures without and with a legend beside the panel. [in]"""
+"""Sizes of figures without and with a legend beside the panel [in]."""
 PLOTTED = {
     "cra": "critical_angle_deg",
     "trajectory": "maximum_depth_m",
@@ -43,7 +43,7 @@ def check_plot() -> None:
         If matplotlib is not installed, or cannot read its settings in the working folder.
     """
     try:
-        # The import itself reads a matplotlibrc of the working folder, and fails if that is damaged.
+        # The import itself reads a matplotlibrc in the working folder, and fails if that file is damaged.
         import_module("matplotlib")
     except UnicodeDecodeError:
         raise CommandError("matplotlibrc: the file of matplotlib in this folder is not UTF-8", FAILED) from None
@@ -140,7 +140,7 @@ class SweepPlot(Writer):
                 panel.set(xlabel=labels[0], ylabel=labels[1])
 
     def _draw_line(self, panel: "Panel") -> None:
-        # The values of an axis may be given in any order, and a line through them must not go back.
+        # The values of an axis may be given in any order, but the line must connect them in ascending order.
         points = sorted(point for point, values in self._values.items() if self._name in values)
         heights = [self._values[point][self._name] for point in points]
         errors = [self._values[point].get(ERROR, 0.0) for point in points]

@@ -99,7 +99,7 @@ def _fetch_report(url: str, body: dict[str, Any]) -> bytes:
 
 
 def make_report(case: dict[str, Any]) -> str:
-    """Compute a strike in this process, and return its report as a page of HTML.
+    """Compute a strike in this process, and return its report as an HTML page.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def find_browser() -> str:
 
 
 def print_pdf(browser: str, page: bytes, place: Path) -> bytes:
-    """Print a page of HTML as PDF, with temporary files in the folder `place`.
+    """Print an HTML page as PDF, with temporary files in the folder `place`.
 
     Raises
     ------
@@ -184,8 +184,8 @@ def print_pdf(browser: str, page: bytes, place: Path) -> bytes:
     OSError
         If the folder cannot be written.
     """
-    # The folder is beside the output, because a browser in a sandbox of its distribution (snap, flatpak) has another
-    # folder of temporary files.
+    # The temporary folder is beside the output, because a browser that is confined by snap or flatpak does not see the
+    # temporary folder of the system.
     with tempfile.TemporaryDirectory(prefix="ricochet-", dir=place, ignore_cleanup_errors=True) as folder:
         source, target = Path(folder) / "report.html", Path(folder) / "report.pdf"
         source.write_bytes(page)

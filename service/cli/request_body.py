@@ -19,8 +19,8 @@ MAX_BYTES, MAX_OBJECT = 2**30, 10_000_000
 read forever. A service accepts 200 MiB of JSON lines and 128 KiB in one case by default."""
 QUOTED = re.compile(r""""(?:[^"\\\n]|\\.)*+"?|'[^'\n]*+'?""")
 DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){100}")
-"""Pattern of a key of more than 100 parts outside of quotes. The time of tomllib grows with the square of their number,
-so that the longest keys would take minutes."""
+"""Pattern of an unquoted key of more than 100 parts. The time that tomllib takes grows with the square of their number,
+so the longest keys would take minutes."""
 MISSING = "is missing"
 """Message for a missing required field, the same as in `service.schemas.wording`."""
 WALL_PARTS = {"projectile", "target", "impact", "resistance", "numerics", "strength_scatter"}
@@ -50,7 +50,7 @@ class RequestBody:
     given: Mapping[str, str]
 
     def describe(self, pointer: str, detail: str) -> str:
-        """Return the message of an error, with the flag or the file of the field."""
+        """Return an error message that names the flag or the file of the field."""
         if pointer in self.given:
             return f"{self.given[pointer]}: {detail}"
         if self.file is not None:
@@ -62,7 +62,7 @@ class RequestBody:
         return f"{self.flags[pointer].name} is missing" if pointer in self.flags else f"{pointer}: {detail}"
 
     def value_at(self, pointer: str) -> Any:
-        """Return the value at a pointer, or None."""
+        """Return the value at a pointer; None if there is no value."""
         value: Any = self.content
         for step in pointer.split("/")[1:]:
             value = value.get(step) if isinstance(value, dict) else None
@@ -82,7 +82,7 @@ def read_body(file: str | Path | None, args: argparse.Namespace, flags: Sequence
     Raises
     ------
     CommandError
-        If the file holds no JSON object, or a field cannot be set.
+        If the file holds no object, or a field cannot be set.
     """
     content: dict[str, Any] = {} if file is None else read_object(file)
     values = [(flag, getattr(args, "/".join(flag.steps))) for flag in flags]
@@ -127,9 +127,9 @@ def read_own_shots(flag: Flag, file: InputFile) -> list[dict[str, float]]:
 
 
 def without_sought(body: RequestBody, operation: str) -> RequestBody:
-    """Remove fields of a file that a search for perforation determines or does not have, and return the body.
+    """Remove the fields that a search for perforation determines or lacks, and return the body.
 
-    Fields given on the command line are kept, so that they are refused by name.
+    The field to find is kept if it is given on the command line, so that it is refused by name.
     """
     if operation in SOUGHT:
         part, field = SOUGHT[operation]
@@ -181,11 +181,22 @@ def _split(text: str) -> tuple[str, Any]:
     try:
         return field, json.loads(value)
     except (ValueError, RecursionError):
-        return field, value  # The value is text, such as the name of a model.
+        return field, value  # The value is a string, such as the name of a model.
 
 
 def put_field(body: dict[str, Any], steps: Sequence[str], value: Any, text: str) -> None:
-    """Set any field of a body. `text` is the input of the user, for the error if a parent is not an object."""
+    """Set any field of a body.
+
+    Parameters
+    ----------
+    text
+        Flag or header that sets the field, for the error message.
+
+    Raises
+    ------
+    CommandError
+        If a parent of the field is not an object.
+    """
     parent = body
     for step in steps[:-1]:
         parent = parent.setdefault(step, {})
@@ -200,7 +211,7 @@ def read_object(file: str | Path) -> dict[str, Any]:
     Raises
     ------
     CommandError
-        If the file cannot be read or parsed, or holds something else.
+        If the file cannot be read or parsed, or does not hold an object.
     """
     text = read_text(file, MAX_OBJECT)
     try:
@@ -219,7 +230,7 @@ def read_object(file: str | Path) -> dict[str, Any]:
 
 
 def _parse_toml(text: str) -> Any:
-    """Parse TOML to JSON values. A date becomes a text, which no field accepts."""
+    """Parse TOML to JSON values. A date becomes a string, which no field accepts."""
     if DEEP_KEY.search(QUOTED.sub("x", text)):
         raise RecursionError
     return json.loads(json.dumps(tomllib.loads(text), default=str))
@@ -231,7 +242,7 @@ def read_text(file: str | Path, limit: int = MAX_BYTES) -> str:
     Parameters
     ----------
     limit
-        Largest size. [bytes]
+        Largest accepted size [bytes].
 
     Raises
     ------

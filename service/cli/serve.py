@@ -98,7 +98,7 @@ def run_serve(args: argparse.Namespace) -> int:
     except (UnusableFolderError, ExecutorError, OSError) as error:
         raise CommandError(reason_of(error), NOT_STARTED) from None
     except RuntimeError as error:
-        if "start new thread" not in str(error):  # A thread that cannot be started has no specific exception.
+        if "start new thread" not in str(error):  # There is no specific exception for a thread that cannot be started.
             raise
         raise CommandError(f"{error}; {LIMIT_HINT}", NOT_STARTED) from None
     except Exception:
@@ -263,7 +263,7 @@ async def serve_tools(client: "Client") -> None:
 async def lines_of(descriptor: int) -> AsyncIterator[str]:
     """Yield the lines of a file as they arrive.
 
-    The MCP SDK would read standard input in a thread. No signal interrupts that thread while the input is open, so that
+    The MCP SDK would read standard input in a thread. No signal interrupts that thread while the input is open, so
     SIGTERM could not end the process.
     """
     import anyio

@@ -35,8 +35,8 @@ MAX_CONNECTIONS = 800
 """Largest number of open connections. Each takes 10 kB and a file descriptor; the usual limit of 1,024 descriptors
 leaves the rest for files and workers. Further connections are answered with 503."""
 IDLE_SECONDS = 10
-"""Timeout of an idle connection between two requests [s]. That of deploy/nginx.conf is shorter, so that nginx never
-sends a request on a connection that is being closed here."""
+"""Timeout of an idle connection between two requests [s]. The timeout in deploy/nginx.conf is shorter, so that nginx
+never sends a request on a connection that is being closed here."""
 TERMINATED = 143
 """Exit status after SIGTERM, as reported by shells: 128 plus the number of the signal."""
 PROGRESS_SECONDS = 5.0
@@ -90,9 +90,10 @@ class Server(uvicorn.Server):
         )
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Start the application and listen, unless a signal to exit arrives before.
+        """Start the application and listen, unless a signal to exit arrives first.
 
-        All objects made so far are excluded from later garbage collections, each of which they would slow by 80 ms.
+        All objects made so far are excluded from later garbage collections, which would otherwise take 80 ms longer
+        each.
         """
         starting = asyncio.ensure_future(
             self._lifespan.enter_async_context(self._app.router.lifespan_context(self._app))
@@ -106,7 +107,7 @@ class Server(uvicorn.Server):
                 progress = compilation_progress()
                 if progress.left:
                     log.info("%s", progress)
-        if self.should_exit:  # Without the cancellation, workers that compile the solver would delay the end.
+        if self.should_exit:  # Without the cancellation, workers that compile the solver would delay the exit.
             starting.cancel()
             await asyncio.gather(starting, return_exceptions=True)
             await self._lifespan.aclose()
@@ -124,7 +125,7 @@ class Server(uvicorn.Server):
             self._on_start(address[1] if isinstance(address, tuple) else None)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Announce the shutdown to the application, whose event streams would not end by themselves, and stop."""
+        """Tell the application to end its event streams, which would otherwise stay open, and stop the server."""
         services, seconds = self._app.state.services, self.config.timeout_graceful_shutdown or 0
         services.stopping.set()
         asyncio.get_running_loop().call_later(seconds - REFUSAL_SECONDS, services.ending.set_result, None)
@@ -182,7 +183,7 @@ def local_server(data_dir: Path | None) -> Iterator[Client]:
 
 
 def _serve(server: Server, started: Future[None]) -> None:
-    """Run the server, and pass an error of its start to the future."""
+    """Run the server, and pass a startup error to the future."""
     try:
         server.run()
     except BaseException as error:  # noqa: BLE001 (raised in the thread that waits)

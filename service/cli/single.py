@@ -68,7 +68,7 @@ def add_cra(parser: argparse.ArgumentParser) -> None:
 
 
 def add_operation_command(commands: Any, name: str) -> argparse.ArgumentParser | None:
-    """Add a command for an operation with batches that has none of its own, and return its parser.
+    """Add a command for an operation that has batches but no command of its own, and return its parser.
 
     For any other name, return None.
     """
@@ -135,7 +135,7 @@ def announce(answer: Mapping[str, Any]) -> None:
 
 
 def answer_one(operation: str, args: argparse.Namespace) -> tuple[RequestBody, bytes]:
-    """Return the request body, and the answer as JSON.
+    """Compute the case given by the arguments; return its request body, and the answer as JSON.
 
     Raises
     ------
@@ -153,7 +153,7 @@ def answer_one(operation: str, args: argparse.Namespace) -> tuple[RequestBody, b
 
 
 def of_search(body: RequestBody) -> RequestBody:
-    """Return the body of a search, without the oblique angle and the flight, which only the verdict uses."""
+    """Return the request body of a search, without the oblique angle and the flight, which only the verdict uses."""
     content = {name: value for name, value in body.content.items() if name != "flight"}
     impact = content.get("impact")
     if isinstance(impact, dict):
@@ -204,7 +204,7 @@ def print_json(answer: bytes) -> None:
 
 
 def motion_sentence(answer: Mapping[str, Any], oblique_angle: float) -> str:
-    """Return a sentence with the outcome of a strike at an oblique angle. [°]"""
+    """Return a sentence with the outcome of a strike at an oblique angle [°]."""
     after = f"after {1e3 * answer['final']['time_s']:.3g} ms"
     if (left := answer.get("exit")) is None:
         end = f"{1e3 * answer['maximum_depth_m']:.3g} mm deep {after}"
@@ -301,7 +301,7 @@ def print_alternatives(answer: Mapping[str, Any]) -> None:
     """Print the results with other laws, if there are any."""
     if "alternatives" in answer:
         columns = dict(alternatives_of(answer))
-        # `none` is not a theory of the decay, so that it does not belong to the range over the theories.
+        # `none` is not a theory of the decay, so its angle is left out of the range.
         theories = [each for each in answer["alternatives"] if each["free_surface"] != "none"]
         angles = [each["critical_angle_deg"] for each in theories if "critical_angle_deg" in each]
         print()

@@ -39,7 +39,7 @@ PARAMETERS = {
 BOUNDS = ("lower", "upper")
 """Last parameters of `log_student_t`, which are optional."""
 WIDE = (7.0, 4.0)
-"""Size of the figure, which fits on a page in portrait. [in]"""
+"""Size of the figure, which fits on a page in portrait [in]."""
 
 
 def add_uncertainty(parser: argparse.ArgumentParser) -> None:
@@ -177,7 +177,7 @@ def estimate_here(operation: str, body: RequestBody) -> bytes:
 
 
 def reached(half_width: float | None, requested: float) -> str:
-    """Return a text with the half width reached and requested; empty before one is known."""
+    """Describe the half width reached so far and the one requested; empty before the first is known."""
     return "" if half_width is None else f"half width {half_width:.2g}, requested {requested:g}"
 
 
@@ -236,7 +236,7 @@ def uncertain_input(text: str) -> dict[str, Any]:
     Raises
     ------
     CommandError
-        If the text has another form.
+        If the text does not have the form FIELD=TYPE:...
     """
     field, equals, rest = text.partition("=")
     kind, *numbers = rest.split(":")

@@ -31,7 +31,7 @@ from service.names import FORMULAS, OUTCOMES, QUANTITIES, STATUSES, named
 STRIKE_FLAGS = (*IMPACT, *(flag for flag in BODY if flag.steps != SOUGHT["thickness"]), *RESISTANCE)
 WALL_FLAGS = (OBLIQUE_ANGLE, *ATTACK, *BODY, *RESISTANCE)
 FORMULA_VALUES = {"least_thickness_m": "perforation_thickness_m", "limit_speed_m_s": "limit_speed_m_s"}
-"""Value of the formulas that corresponds to the result of a search, by the field of the result."""
+"""Field of the formulas that corresponds to the result of a search, by the field of the result."""
 BRACKETS = {"least_thickness_m": "bracket_m", "limit_speed_m_s": "bracket_m_s"}
 """Field of the bracket, by the field of the result."""
 
@@ -95,7 +95,7 @@ def _print(args: argparse.Namespace, text: bytes, value: str, said: list[str]) -
     value
         Field with the result of the search.
     said
-        Sentences to print before that of the answer.
+        Sentences to print before the sentence of the answer.
     """
     answer: dict[str, Any] = json.loads(text)
     columns = trial_columns(answer)
@@ -122,7 +122,7 @@ def _print(args: argparse.Namespace, text: bytes, value: str, said: list[str]) -
 
 
 def _found(answer: Mapping[str, Any], value: str) -> dict[str, Any]:
-    """Return the numbers of a search, which are for a comparison of models, not for design."""
+    """Return the numbers of a search by name. They serve to compare models, not to design walls."""
     found: dict[str, Any] = {"status": named(STATUSES, answer["status"])}
     if value in answer:
         bracket = BRACKETS[value]
@@ -185,7 +185,7 @@ def _named_input(pointer: str) -> str:
 def print_formulas(answer: Mapping[str, Any], *, verbose: bool) -> None:
     """Print the table of the formulas, and the spread of their values.
 
-    Inputs outside the range of a formula are listed; such a formula does not count in the spread.
+    Inputs outside the range of a formula are listed; such a formula is left out of the spread.
     """
     rows = [
         [named(FORMULAS, row["formula"]), *(row.get(name, "") for name in LIMITS), _marks(row), row["source"]]

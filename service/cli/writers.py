@@ -23,7 +23,7 @@ ProgressReport: TypeAlias = Callable[..., None]
 """Function that receives the number of finished cases, the total and an optional text."""
 
 HEAD_ROWS = 20
-"""Number of rows of the table on a terminal, which fit on a usual screen of 24 lines."""
+"""Number of rows in the table on a terminal, few enough for a screen of 24 lines."""
 SHOWN = {
     "trajectory": ("outcome", "maximum_depth_m", "final_depth_velocity_m_s", "final_lateral_velocity_m_s"),
     "cra": ("status", "critical_angle_deg", "critical_angle_standard_error_deg"),
@@ -47,7 +47,7 @@ class Writer(ABC):
 
     @abstractmethod
     def write(self, items: Sequence[Item]) -> None:
-        """Write some results, which follow those written before."""
+        """Write the next results."""
 
     def close(self) -> None:  # noqa: B027 (most have nothing to do)
         """Finish the output after the last result."""
@@ -68,18 +68,18 @@ class JsonLines(Writer):
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """Rows of the input of a batch, some of which are not sent. The cells of a table are copied to the output.
+    """Rows of the input of a batch. Invalid rows are not sent; the cells of a table are copied to the output.
 
     Parameters
     ----------
     sent
         Numbers of the rows that are sent, in order.
     left_out
-        Items with the problems of the other rows, by number.
+        Items with the problems of the invalid rows, by number.
     headers, cells
         Headers of the table, and the cells of every row.
     errors
-        Errors of the rows that are not sent, by the headers of the table.
+        Error messages of the invalid rows, by number. They name fields by the headers of the table.
     """
 
     sent: Sequence[int]
@@ -89,7 +89,7 @@ class Inputs:
     errors: Mapping[int, str] = field(default_factory=dict)
 
     def placed(self, items: Iterable[Item]) -> Iterator[Item]:
-        """Yield results with their numbers among all rows, each preceded by the problems of rows that were not sent."""
+        """Yield results with their row numbers, each after the problems of the invalid rows before it."""
         for item in items:
             number = item["index"]
             before = self.sent[number - 1] + 1 if number else 0
@@ -97,7 +97,7 @@ class Inputs:
             yield {**item, "index": self.sent[number]}
 
     def rest(self) -> Iterator[Item]:
-        """Yield the problems of the rows after the last one that was sent."""
+        """Yield the problems of the invalid rows after the last row that was sent."""
         yield from self._left_out(self.sent[-1] + 1 if self.sent else 0, max(self.left_out, default=-1) + 1)
 
     def _left_out(self, first: int, end: int) -> Iterator[Item]:
@@ -105,7 +105,7 @@ class Inputs:
 
 
 class Rows:
-    """Table of results with a header: the columns of the service, preceded by those of the input.
+    """Table of results with a header: the columns of the input, then the columns of the service.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ class Rows:
         if self._inputs is None:
             return list(names)
         found = without_name(names)
-        # A column of the input may have the name of a result, and a table must not have two of the same name.
+        # A column of the input may have the name of a result, and a table must not have two columns of the same name.
         given = (f"input {name}" if name in found else name for name in self._inputs.headers)
         return [*given, *found, "error"]
 
@@ -160,7 +160,7 @@ class Rows:
 
 
 def without_name(names: Iterable[str]) -> list[str]:
-    """Return the columns of results without the name of a case, which the input has as a column."""
+    """Return the names of result columns without `custom_id`, which the columns of the input include."""
     return [name for name in names if name != "custom_id"]
 
 
@@ -182,7 +182,7 @@ class CsvTable(Writer):
 
 
 class Workbook(Writer):
-    """Writer of an Excel workbook with one sheet, which is saved at the end."""
+    """Writer of an Excel workbook with one sheet. The workbook is saved at the end."""
 
     def __init__(self, stream: TextIO, rows: Rows) -> None:
         require_excel("an Excel workbook")
@@ -223,7 +223,7 @@ def require_excel(feature: str) -> None:
 
 
 def as_number(value: Any) -> Any:
-    """Convert the text of a number to a number, and a number that no sheet can hold (NaN, infinite) to text."""
+    """Convert a string with a number to a float, and a float that no sheet can hold (NaN, infinity) to a string."""
     if isinstance(value, str) and value and NUMERAL.fullmatch(value):
         value = float(value)
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value
@@ -308,7 +308,7 @@ def cell(value: Any) -> str:
     if isinstance(value, float):
         text = f"{value:.{DIGITS}g}"
         return f"{float(text):.0f}" if 10.0**DIGITS <= abs(float(text)) < MOST_WRITTEN_OUT else text
-    # Texts of a request could otherwise send escape sequences to the terminal.
+    # Strings from a request could otherwise send escape sequences to the terminal.
     return "" if value is None else str(value).replace("\x1b", "")
 
 
@@ -325,7 +325,7 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
     Parameters
     ----------
     columns
-        Header, which is left out if all cells are empty.
+        Header, left out if all its cells are empty.
     """
     cells = [list(map(cell, row)) for row in rows]
     right = [all(NUMERAL.fullmatch(line[i]) for line in cells) for i in range(len(columns))]
