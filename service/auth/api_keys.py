@@ -32,10 +32,11 @@ LOCAL = "local"
 PREFIX = "ricochet_"
 """Prefix of a token, by which programs that scan repositories and logs for secrets can find it."""
 ID_BYTES, SECRET_BYTES = 4, 32
-"""Numbers of random bytes of id and secret. Four tell the keys of one service apart; 32 cannot be guessed."""
+"""Numbers of random bytes in the id and in the secret. Four tell the keys of one service apart; 32 cannot be
+guessed."""
 TOKEN = re.compile(PREFIX + r"([0-9a-f]{8})_[A-Za-z0-9_-]{43}")
 UNKNOWN_DIGEST = "0" * 64
-"""Digest that the token of an unknown key is compared with, so that response times do not reveal which keys exist."""
+"""Digest compared with the token of an unknown key, so that response times do not reveal which keys exist."""
 
 FILE, LOCK = "auth.sqlite", "auth.lock"
 RELOAD_SECONDS = 0.2
@@ -275,7 +276,7 @@ def check_layout(connection: sqlite3.Connection) -> None:
     Raises
     ------
     sqlite3.DatabaseError
-        If the layout number is neither that of this version nor that of a new file.
+        If the layout number is neither that of this version nor 0, which a new file has.
     """
     layout = connection.execute("PRAGMA user_version").fetchone()["user_version"]
     if layout not in {0, LAYOUT}:
@@ -289,7 +290,7 @@ def _insert(folder: Path, key: ApiKey) -> None:
     """
     make_private_folder(folder)
     with open_private(folder / LOCK, "ab") as lock:
-        # The lock file is never removed: it also shows that keys were configured once.
+        # The lock file is never removed: it also shows that keys were once configured.
         fcntl.flock(lock, fcntl.LOCK_EX)
         is_new = not (folder / FILE).exists()
         # The file gets its permissions before SQLite writes hashes into it.
@@ -297,7 +298,7 @@ def _insert(folder: Path, key: ApiKey) -> None:
         with _readable(), connected(folder) as connection:
             # The write lock is taken at once, because upgrading a read lock can fail while another process writes.
             connection.execute("BEGIN IMMEDIATE")
-            if is_new:  # An existing file without tables is damaged, and must not be repaired to a store without keys.
+            if is_new:  # An existing file without tables is damaged, and must not be turned into a store without keys.
                 for statement in filter(str.strip, TABLES.split(";")):
                     connection.execute(statement)
                 connection.execute(f"PRAGMA user_version = {LAYOUT}")

@@ -23,7 +23,7 @@ from solver import ParameterError
 CONTEXT = "ricochet.context"
 """Key of the `RequestContext` in the ASGI scope of a request."""
 REFUSALS = (InvalidBodyError, ParameterError, PoolUnavailableError, QueueFullError)
-"""Errors of requests that were refused before they were computed. They are not charged to the quota."""
+"""Errors of requests that were refused before they were computed. Such requests are not charged to the quota."""
 CHALLENGE = {"WWW-Authenticate": "Bearer"}
 INVALID_TOKEN = {"WWW-Authenticate": 'Bearer error="invalid_token"'}
 
@@ -180,7 +180,7 @@ class Authorization(HTTPBearer):
     """Security scheme that declares keys in the contract and also checks them.
 
     A separate dependency for the check would cost each request another call through FastAPI's dependency solver.
-    FastAPI fills in the parameter that `__call__` has in addition to that of the base class.
+    FastAPI fills in the parameter of `__call__` that the base class lacks.
     """
 
     async def __call__(self, request: Request, required: SecurityScopes) -> RequestContext:  # type: ignore[override]

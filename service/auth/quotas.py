@@ -69,7 +69,7 @@ class Quota:
         Raises
         ------
         QuotaError
-            If fewer cases are left; none is charged then.
+            If fewer cases are left; none of the cases is charged.
         QuotaTooSmallError
             If the request has more cases than the quota allows in an hour.
         """

@@ -335,7 +335,8 @@ class ResultCache:
         return False
 
     def _reconcile(self) -> None:
-        """Make the index match the files, in case a crash came after a change of the files only."""
+        """Make the index match the files, since a crash may have come between a change of the files and one of the
+        index."""
         with self._noting():
             indexed, there = self._index.names(), self._segments.names()
             self._index.drop(indexed - there)
@@ -369,7 +370,7 @@ class ResultCache:
             raise
 
     def _make_room(self, latest: str = "") -> None:
-        # Only one thread evicts. Other threads do not wait for it, so the total may exceed the limit for a moment.
+        # Only one thread evicts. Other threads do not wait for it, so the total size may exceed the limit for a moment.
         if self.statistics().bytes > self._disk_bytes and self._evicting.acquire(blocking=False):
             try:
                 self.evict(round(self._disk_bytes * (1.0 - EVICTED_SHARE)), keep=latest)
@@ -438,7 +439,7 @@ class ResultCache:
     def _note(self, error: Exception | None) -> None:
         last_error = None if error is None else storage_reason(error)
         if last_error != self.last_error:
-            log.warning("cache folder %s: %s", self._folder, error or "written again")
+            log.warning("cache folder %s: %s", self._folder, error or "writing works again")
         self.last_error = last_error
 
 

@@ -1,4 +1,4 @@
-"""Lock of a data folder, which belongs to one running service."""
+"""Lock on a data folder, held by the service that uses it."""
 
 import fcntl
 import os
@@ -23,7 +23,7 @@ class FolderLock:
     FolderReplacedError
         If the folder is replaced while it is being locked.
     OSError
-        If the file of the lock cannot be created or locked.
+        If the lock file cannot be created or locked.
     """
 
     def __init__(self, folder: Path) -> None:

@@ -49,7 +49,7 @@ GZIP_LEVEL = 3
 """Compression level of gzip. The next higher levels take twice the time and save a tenth."""
 COMPRESSED_BYTES = 4096
 """Size from which a dataset of fixed length is compressed [bytes]. Compression requires chunks, and a chunk takes 2 kB
-in addition to its data, so that smaller datasets would grow."""
+in addition to its data, so compression would enlarge smaller datasets."""
 CHUNK_ROWS = 4096
 """Number of rows of a chunk in a file that is written in blocks: few enough to be held in memory, and enough to be
 compressed well."""
@@ -59,7 +59,8 @@ CHUNK_CACHE_BYTES = 64 * 1024
 """Size of HDF5's chunk cache for each dataset [bytes]. Only whole chunks are written, which need no cache. The default
 of several megabytes would take hundreds of megabytes for some tens of datasets."""
 SPOOLED_BYTES = 8 * 1024 * 1024
-"""Size up to which texts are held in memory until they are written [bytes]; beyond it, in a temporary file."""
+"""Size up to which texts are held in memory until they are written [bytes]; larger ones are held in a temporary
+file."""
 LAYOUT = "2"
 """Version of the layout, raised when a change requires programs that read the files to change."""
 DESCRIPTIONS = {
@@ -269,8 +270,8 @@ class GrowingTable:
 class GrowingText:
     """A dataset of lines of text, which is written when the longest line is known.
 
-    The lines are padded to this length, because HDF5 does not compress texts of variable length, which would make the
-    file of a job ten times as large.
+    The lines are padded to this length, because HDF5 does not compress texts of variable length: without padding, the
+    file of a job would be ten times as large.
 
     Parameters
     ----------

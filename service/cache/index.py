@@ -108,7 +108,7 @@ class Index:
 
     @property
     def statistics(self) -> Statistics:
-        """Statistics of all segments, kept in memory because the time of computing them grows with the index."""
+        """Statistics of all segments, kept in memory because the time to compute them grows with the index."""
         return self._statistics
 
     def find(self, keys: Sequence[str]) -> dict[str, Location]:
@@ -213,7 +213,7 @@ CREATE TABLE results (
 
 
 class Journal:
-    """Journal of the results of single queries, until there are enough of them for a segment. It is thread-safe.
+    """Journal that holds the results of single queries until there are enough of them for a segment. It is thread-safe.
 
     A result in a segment of its own takes twelve times the disk space that it takes in a segment of many, and twenty
     times the work. Results in the journal survive a killed process. A power cut may lose the latest ones, which are
@@ -252,7 +252,7 @@ class Journal:
             )
 
     def remove(self, keys: Iterable[str]) -> None:
-        """Remove results that are in a segment now."""
+        """Remove results that are now in a segment."""
         with self._lock, self._connection as connection:
             connection.execute("BEGIN IMMEDIATE")
             connection.executemany("DELETE FROM results WHERE key = ?", [(key,) for key in keys])

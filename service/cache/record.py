@@ -139,7 +139,7 @@ class Record:
         return self._outcome
 
     def compact(self, *, exact: bool = False) -> "Record":
-        """Return a copy of the record with its texts only. Parsed content takes ten times as much memory.
+        """Return a copy of the record with its JSON texts only. Parsed content takes ten times as much memory.
 
         Parameters
         ----------
@@ -216,7 +216,8 @@ class CaseResult:
     number
         Number of the case in the request, from 0.
     record, problem
-        Record, or None and the problem. The problem has no `instance`; its pointers refer to the request of the case.
+        Record of the result, or the problem if there is no result. The problem has no `instance`; its pointers refer to
+        the request of the case.
     cached
         True if the result came from the cache.
     """

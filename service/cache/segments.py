@@ -37,7 +37,7 @@ from service.private_files import make_private_folder, open_private
 FILE = re.compile(r"[0-9a-f]{32}\.h5")
 SEGMENT_BYTES = 16 * 1024 * 1024
 """Largest size of the histories and texts of a segment of several results [bytes]. The whole segment is read and
-decompressed for one result."""
+decompressed even to return a single result."""
 MOST_REMEMBERED = 100_000
 """Largest number of segments remembered as intact, which takes some 20 MB. When it is reached, all are forgotten and
 read again at their next check."""
@@ -84,7 +84,7 @@ def encode_segments(records: Sequence[Record]) -> list[Segment]:
     histories, longest = 0, 0
     for record in records:
         nbytes = sum(column.nbytes for column in (record.history or {}).values())
-        # Texts have a fixed length in the file, so that each row takes as much space as the longest one.
+        # Texts have a fixed length in the file, so each row takes as much space as the longest one.
         text = len(record.answer_json) + len(record.request_json)
         if part and histories + nbytes + (len(part) + 1) * max(longest, text) > SEGMENT_BYTES:
             segments.append(([each.key for each in part], to_segment(*part)))

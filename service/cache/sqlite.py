@@ -16,7 +16,7 @@ def check_layout(connection: sqlite3.Connection, name: str) -> int:
     Raises
     ------
     FolderLayoutError
-        If the layout is not that of this version.
+        If the file has the layout of another version.
     sqlite3.Error
         If the file cannot be read.
     """
@@ -27,5 +27,5 @@ def check_layout(connection: sqlite3.Connection, name: str) -> int:
 
 
 decode = partial(str, encoding="utf-8", errors="replace")
-"""Function that decodes a text, with replacements for damaged bytes. The damage is then found when the value is
-checked, and reported with its job or key; SQLite would fail the query."""
+"""Function that decodes a string, with replacements for damaged bytes. The damage is then found when the value is
+checked, and reported with its job or key; a strict decoder would fail the whole query."""

@@ -28,12 +28,12 @@ MISSING = -1
 
 
 def fill(column: Column, values: Sequence[Any]) -> Rows:
-    """Return the values of a column as an array, with NaN, `MISSING` or an empty text for None.
+    """Return the values of a column as an array, with NaN, `MISSING` or an empty string for None.
 
     Raises
     ------
     ValueError
-        If a text is longer than the column, which numpy would cut silently.
+        If a string is longer than the column, because numpy would truncate it silently.
     """
     dtype = np.dtype(column.dtype)
     if dtype.kind == "i":

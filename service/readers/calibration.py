@@ -1,4 +1,4 @@
-"""Readers of calibration data: penetration tests, strength factors over the oblique angle, and motions of runs."""
+"""Readers of calibration data: penetration tests, strength factors at several oblique angles, and motions of runs."""
 
 import math
 from collections.abc import Mapping
@@ -68,7 +68,7 @@ OBLIQUITY_POINTS = (
 )
 MAX_VELOCITY = BOUNDS["impact.velocity"].upper
 MAX_DIAMETERS = 1000.0
-"""Largest plausible depth over diameter, and largest diameter over depth [1]. Long rods at any speed stay below 100;
+"""Largest plausible ratio of depth to diameter, and of diameter to depth [1]. Long rods at any speed stay below 100;
 depths in a wrong unit are mostly off by a factor of 1000."""
 FILE = Quantity("file", None, ("history",), required=True)
 MOTION_RUNS = (
@@ -95,9 +95,9 @@ def read_depth_tests(
     Parameters
     ----------
     columns
-        Header by quantity, if a column is not named as the quantity.
+        Header of the column of each quantity that has another name there.
     units
-        Unit by quantity, if the header has none; the default is SI.
+        Unit of each quantity whose header has none; the default is SI.
     diameter
         Diameter of the projectile, to find implausible depths. [m]
     grouped
@@ -133,7 +133,7 @@ def read_shots(path: str | Path) -> list[Shot]:
 def read_obliquity_points(
     path: str | Path, columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None
 ) -> list[ObliquityPoint]:
-    """Read strength factors over the oblique angle and, if there is such a column, their standard errors.
+    """Read strength factors at several oblique angles and, if there is such a column, their standard errors.
 
     Parameters
     ----------
@@ -230,8 +230,8 @@ MOTION = (
     Quantity("rotation", ANGLE),
 )
 MAX_SPEED_RATIO, MIN_SPEED_RATIO = 1.5, 0.1
-"""Largest plausible mean speed over the initial speed at any row, and smallest at half of the displacement [1]. The
-bounds are wide (a rough choice), as wrong units are mostly off by a factor of 1000."""
+"""Largest plausible ratio of the mean speed up to a row to the initial speed, and smallest ratio at half of the
+displacement [1]. The bounds are wide (a rough choice), as wrong units are mostly off by a factor of 1000."""
 
 ROTATION_SCATTER = math.radians(5.0)
 """Allowance for the scatter of measured rotations, a rough choice. [rad]"""
@@ -263,19 +263,18 @@ def read_motion(
     Parameters
     ----------
     columns
-        CSV: header by quantity, if a column is not named as the quantity.
+        CSV: header of the column of each quantity that has another name there.
     units
-        Unit by quantity, if the header of a CSV file has none; the default is SI. LS-DYNA files have no units.
+        Unit of each quantity whose header in a CSV file has none; the default is SI. LS-DYNA files have no units.
     axes
         LS-DYNA: global axis of each quantity. Quantities without an axis are left out.
     part, node
         LS-DYNA: the rigid body or the node to read, if there are several.
     contact
         Time of first contact in the file. Earlier rows are left out, and time and displacements are measured from it.
-        By default those of LS-DYNA files are measured from their first state, and those of CSV files are read
-        unchanged. [s]
+        By default LS-DYNA files are measured from their first state, and CSV files are read unchanged. [s]
     expected
-        The impact, to refuse implausible motions.
+        Impact of the run. A motion that is implausible after it is refused.
 
     Returns
     -------
@@ -385,7 +384,7 @@ def _check_speed(readings: Readings, expected: Expected) -> None:
 def _refuse_step(readings: Readings, most: FloatArray, name: str, impact: Impact) -> None:
     """Raise an error for the first step between two rows that exceeds its largest plausible value.
 
-    The likely causes are missing rows, rows of another run, and an angle that starts again at a full turn.
+    The likely causes are missing rows, rows of another run, and an angle that wraps around after a full turn.
     """
     column, time = readings.values[name], readings.values["time"]
     rows = np.flatnonzero(abs(np.diff(column)) > most)

@@ -379,7 +379,7 @@ def _continuations(path: str | Path) -> Iterator["Lsda"]:
 
 
 def _ids_of_states(files: Sequence["Lsda"], folders: Sequence["Folder"], database: str) -> list[FloatArray]:
-    """Return the ids of the bodies of each state, in the order of their numbers; states with equal ids share an array.
+    """Return the ids of the bodies of each state, in the order of their values; states with equal ids share an array.
 
     The ids are taken from the state itself or, if it has none, from the metadata last written before it. LS-DYNA
     writes the metadata again when a part is switched between rigid and deformable, and in each file that continues a
@@ -475,7 +475,7 @@ class Lsda:
         Parameters
         ----------
         before
-            Folder of a state. A variable may be written several times: the one read is the last before this state, by
+            Folder of a state. A variable may be written several times: the last one before this state is read, by
             default the last in the file.
         """
         versions = self._variables.get(name)

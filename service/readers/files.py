@@ -36,7 +36,7 @@ DYNA_TITLE = re.compile(rb"(?s).{,512}ls-dyna.{,80}date")
 DYNA_MOTIONS = (b"r i g i d   b o d y", b"n o d a l   p r i n t")
 OTHER_DYNA = "an LS-DYNA text file other than rbdout and nodout; {motion}"
 HEAD_BYTES = 65_536
-"""Length of the part in which the format of a file is recognized [bytes], a rough choice: it has room for the comments
+"""Length of the start of a file from which its format is recognized [bytes], a rough choice with room for the comments
 at the start of a keyword file. It is limited so that a crafted file cannot make the patterns slow."""
 MAX_BYTES = 2**30
 """Largest file that is read [bytes]: LS-DYNA starts a new file at this size. Without a limit, a device such as
@@ -80,7 +80,7 @@ def read_bytes(path: str | Path) -> bytes:
     Raises
     ------
     FileError
-        If the file cannot be read, is empty or too large, or has a format without a reader.
+        If the file cannot be opened, is empty or too large, or has a format that cannot be read.
     """
     try:
         with Path(path).open("rb") as file:
@@ -99,7 +99,7 @@ def read_bytes(path: str | Path) -> bytes:
 
 
 def _other_format(content: bytes) -> str | None:
-    """Return the name of a format without a reader, with advice for the user; None for any other content."""
+    """Return the name of a format that cannot be read, with advice for the user; None for any other content."""
     if _is_d3plot(content):
         return "LS-DYNA's d3plot, the state of a whole model; {motion}"
     head = content[:HEAD_BYTES]
@@ -112,8 +112,8 @@ def _other_format(content: bytes) -> str | None:
 def _is_d3plot(content: bytes) -> bool:
     """Return True if a file begins as LS-DYNA's d3plot does.
 
-    Word 11 is the type of the file, word 15 that of its geometry. The width and the order of the bytes depend on the
-    machine that wrote the file.
+    Counted from 0, word 11 is the type of the file, word 15 encodes the dimensions of its geometry, and word 16 is the
+    number of nodes. The width and the order of the bytes depend on the machine that wrote the file.
     """
     for width, order in itertools.product((4, 8), ("<", ">")):
         if len(content) >= 64 * width and content[:1].isascii() and content[:1] >= b" ":  # The title comes first.

@@ -58,7 +58,7 @@ class Quantity:
     name
         Name in flags and headers.
     units
-        Factor to SI by unit, the SI unit first; None for text.
+        Factor that converts to SI, by unit, with the SI unit first; None for a column of text.
     also
         Other names in headers.
     required
@@ -85,12 +85,12 @@ class UnknownUnitError(ValueError):
 
 
 def spelled(unit: str) -> str:
-    """Return a unit in the spelling of the mappings of units: m/s becomes m_s, µs becomes us."""
+    """Return a unit as it is spelled in the mappings above: m/s becomes m_s, µs becomes us."""
     return unit.translate(SPELLINGS).lower()
 
 
 def factor_to_si(quantity: Quantity, unit: str) -> float:
-    """Return the factor from a unit to SI.
+    """Return the factor that converts a unit to SI.
 
     Raises
     ------
@@ -185,7 +185,7 @@ class Column:
     index
         Position in the header, from 0.
     factor
-        Factor from the unit of the file to SI, with the sign of the direction.
+        Factor that converts the unit of the file to SI; negative if the values change their sign.
     """
 
     quantity: Quantity
@@ -298,10 +298,10 @@ def read_columns(
     Parameters
     ----------
     columns
-        Header by quantity, if it is not the name of the quantity. A leading minus sign changes the sign of the values;
-        an empty header leaves the quantity out.
+        Header of the column of each quantity that has another name there. A leading minus sign changes the sign of the
+        values; an empty header leaves the quantity out.
     units
-        Unit by quantity, if the header has none; the default is SI.
+        Unit of each quantity whose header has none; the default is SI.
 
     Raises
     ------

@@ -16,7 +16,7 @@ and would fill the memory."""
 
 
 def is_workbook(path: str | Path) -> bool:
-    """Return True if the name of a file is that of an Excel workbook."""
+    """Return True if a file has the extension of an Excel workbook."""
     return Path(path).suffix.lower() == ENDING
 
 
@@ -52,7 +52,7 @@ def sheet_as_csv(path: str | Path) -> bytes:
             count += len(cells)
             if count > MAX_CELLS:
                 raise FileError(path, f"the sheet has more than {MAX_CELLS:,} cells")
-            # An empty row becomes an empty line rather than one of commas, as the reader of tables expects.
+            # An empty row becomes an empty line rather than a line of commas, as the reader of tables expects.
             if any(cells):
                 writer.writerow(cells)
             else:

@@ -88,9 +88,9 @@ class Assessed:
     """Sentence about how far the user's own shots would narrow the range; empty if that is not known."""
     projectile: Projectile
     answers: Mapping[str, Any]
-    """Answers by name; one that failed is an object with the field `problem`."""
+    """Answers by name. A failed one is an object with the field `problem`."""
     speeds: Sequence[tuple[float, Mapping[str, Any]]]
-    """Speed [m/s] and answer of each search over the speed, that of the case included."""
+    """Speed [m/s] and answer of each search at a different speed, the search of the case included."""
     made: str
     """Date and time at which the report was made."""
     address: str | None
@@ -386,7 +386,7 @@ LAW_LIMITS: Final[Mapping[str, Callable[[Numbers, Assessed], list[Limit]]]] = {
 
 
 def _warnings(strike: Assessed) -> list[tuple[tuple[str, str, str], bool]]:
-    """Return the warnings of the report: those of the verdict, and from other answers those with further codes.
+    """Return the warnings of the verdict, and warnings with further codes from the other answers.
 
     Each item is the code, the text and the label of the answer, and True if most answers have this warning.
     """

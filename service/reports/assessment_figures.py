@@ -1,4 +1,4 @@
-"""Figures of the report of one strike: a sketch, side views of runs, and curves over the speed and the angle."""
+"""Figures of the report of one strike: a sketch, side views of runs, and curves against speed and angle."""
 
 import io
 import math
@@ -19,7 +19,7 @@ from solver.units import quantity, shown_unit, symbol
 SNAPSHOTS = 4
 """Outlines of the projectile drawn for each run; a rough choice: more would cover each other in a view of this size."""
 LEAST_WIDTH = 0.8
-"""Smallest width of a view over that of the widest [1], which leaves room for its title."""
+"""Smallest width of a view relative to the widest one [1], which leaves room for its title."""
 Frame: TypeAlias = tuple[float, float, float, float]
 """Left, right, top and bottom limit of a view. [m]"""
 SETTINGS: dict[Any, Any] = {
@@ -129,7 +129,7 @@ def side_views(
 
 
 class _ScaledTicks(AutoLocator):
-    """Ticks at round numbers of another unit than that of the data.
+    """Ticks at round numbers in a unit other than the unit of the data.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def curves(
     angle: float | None,
     judged: float | None,
 ) -> Figure:
-    """Draw the critical angle over the speed, and the probability of ricochet over the angle.
+    """Draw the critical angle against the speed, and the probability of ricochet against the angle.
 
     Parameters
     ----------
@@ -236,7 +236,7 @@ def curves(
 
 
 def _draw_speeds(axes: Axes, speeds: Sequence[tuple[float, Mapping[str, Any]]]) -> None:
-    """Draw the critical angle over the speed, and for walls the angle up to which they are perforated."""
+    """Draw the critical angle against the speed, and for walls the angle up to which they are perforated."""
     perforated = [(speed, _perforated_to(answer)) for speed, answer in speeds]
     critical = [(speed, answer.get("critical_angle_deg", math.nan)) for speed, answer in speeds]
     if all(math.isnan(angle) for _, angle in critical):

@@ -1,4 +1,4 @@
-"""Format of the numbers in a report, each with its JSON pointer and full value, and the inputs of a case as rows."""
+"""Numbers formatted for a report, each with its JSON pointer and full value, and the inputs of a case as table rows."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,7 +11,7 @@ from service.names import CHOICES, QUANTITIES
 from solver.units import fixed, number, rounded, shown_unit, with_symbol
 
 MINUS, BLANK = "\N{MINUS SIGN}", "\N{NO-BREAK SPACE}"
-# An input in SI has about as many digits, and more of them would show the rounding of the conversion.
+# Inputs in SI rarely have more digits, and further ones would show the rounding of the conversion.
 INPUT_DIGITS = 6
 """Largest number of significant digits of a converted number. [1]"""
 
@@ -31,7 +31,7 @@ def lookup(content: Any, pointer: str) -> Any:
 class Numbers:
     """Formatter of numbers from answers. Attributes in the HTML hold the pointer and all digits of each number.
 
-    Units are given as SI units, such as ``mm``, and numbers are in the units of `solver.units`.
+    Callers name SI units, such as ``mm``; numbers are shown in the system of units that `solver.units` has in use.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class Numbers:
         return self._data(pointer, unit, shown, times=times, bare=True)
 
     def angle(self, pointer: str, decimals: int = 2) -> Markup:
-        """Return an angle with the sign of degrees."""
+        """Return an angle with a degree sign."""
         return self.fixed(pointer, decimals, unit="°")
 
     def _data(self, pointer: str, unit: str, text: str, *, times: float = 1.0, bare: bool = False) -> Markup:

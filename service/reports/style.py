@@ -40,7 +40,7 @@ SETTINGS: dict[Any, Any] = {
     "savefig.dpi": 150,
 }
 WIDTH = 8.0
-"""Width of a figure that fills the column of text of a page. [in]"""
+"""Width of a figure that fills the text column of a page [in]."""
 
 TEST, FINITE_ELEMENT, MODEL, PAPER = "#c8102e", "#d95f00", "#123f73", "#1d7a46"
 """Colours of measured values, of finite elements, of this model, and of values printed in the paper."""

@@ -163,14 +163,14 @@ class Cluster:
         self.changed = asyncio.Event()
         """Event that is set, and replaced by a new event, when a worker becomes usable or unusable."""
         self.lost = time.monotonic()
-        """Time of the start, or when the last usable worker was lost; on the monotonic clock. [s]"""
+        """Time at which the last usable worker was lost, at first the time of the start, on the monotonic clock. [s]"""
         self._task_seconds = task_seconds
         self._seen: dict[str, asyncio.Task[None]] = {}
         self._heartbeats: dict[str, tuple[float, float]] = {}
         """Time of each worker's latest heartbeat by the scheduler's clock, and time of its receipt by our clock. [s]
 
-        The clocks of the machines may differ, so that the time of a heartbeat is compared only with that of the
-        previous one.
+        The clocks of the machines may differ, so the time of a heartbeat is compared only with the time of the previous
+        one.
         """
         self._watching: asyncio.Task[None] | None = None
 
@@ -209,7 +209,7 @@ class Cluster:
             try:
                 await self._look()
             except Exception:
-                log.exception("the Dask cluster could not be looked at")
+                log.exception("checking the Dask cluster failed")
 
     async def _look(self) -> None:
         """Reconnect if necessary, and update the list of workers."""
@@ -277,7 +277,7 @@ class Cluster:
             await in_time(client.close, CONNECT_SECONDS)
 
     async def _meet(self, address: str, threads: int) -> None:
-        """Request the versions of a worker, and use it if they are the same as those of the service."""
+        """Request the versions of a worker, and use it if they equal the versions of the service."""
         client = self.client
         if client is None:
             return

@@ -36,7 +36,7 @@ CANCEL_SECONDS = 1.0
 """Timeout for the scheduler to acknowledge a cancellation, whose reply is not needed, and for tasks of the service to
 end; chosen by judgement [s]."""
 CHUNKS_A_THREAD = 2
-"""Number of chunks assigned to each thread of a worker, so that the next one is there when one is finished."""
+"""Number of chunks assigned to each thread of a worker, so that the next one has arrived when one is finished."""
 DELIVERY_SECONDS = 30.0
 """Time allowed for transferring a chunk, in addition to the timeouts of its calls and those of the chunk before it;
 chosen by judgement [s]."""
@@ -274,7 +274,7 @@ async def give_up(task: "Future[Any]") -> None:
 
 
 def all_dumped(calls: Sequence[Call]) -> list[bytes]:
-    """Pickle each call by itself."""
+    """Pickle each call separately."""
     return [dumps(call) for call in calls]
 
 

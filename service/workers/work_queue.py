@@ -1,9 +1,9 @@
 """Fair priority queue of work for the workers.
 
 Owners share the workers equally by start-time fair queueing (Goyal, Vin and Cheng, 1996). Each owner has a virtual
-time, which grows by the cost of the owner's work when a worker takes it, and the owner with the least is served next.
-An owner who was idle starts at the present virtual time, and so gains no credit for idle time. Within an owner, the
-work with the least remaining cost comes first.
+time, which grows by the cost of the owner's work when a worker takes it, and the owner with the least virtual time is
+served next. An owner who was idle starts at the present virtual time, and so gains no credit for idle time. Within an
+owner, the work with the least remaining cost comes first.
 """
 
 import asyncio
@@ -206,7 +206,7 @@ class WorkQueue:
         self._chunks.pop(work, None)
 
     def make_room(self, owner: str, error: Exception) -> bool:
-        """Evict the newest single call of the owner with most, if `owner` would have fewer even with one more.
+        """Evict the newest single call of the owner with the most, if `owner` would have fewer even with one more.
 
         Only calls in the queue count. Return True if a call was evicted; the evicted call fails with `error`.
         """

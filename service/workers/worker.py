@@ -27,7 +27,7 @@ Compute = Callable[[bytes], tuple[dict[str, Any], FloatColumns | None]]
 
 MOST_CHUNKS = 4
 """Largest number of chunks whose records a worker keeps, chosen by judgement. Another chunk may run before a chunk is
-closed, and a chunk may be closed in another worker, so that its records here are never collected."""
+closed, and a chunk may be closed in another worker, so its records here may never be collected."""
 
 _chunks: dict[str, list[Record]] = {}
 """Records of the chunks being computed, by the id of the chunk."""
@@ -83,7 +83,7 @@ NICENESS = 5
 
 
 class Hello(NamedTuple):
-    """First message that a worker sends: it is ready for calls, or it could not be started.
+    """First message that a worker sends, to say that it is ready for calls or could not be started.
 
     Parameters
     ----------

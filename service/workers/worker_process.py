@@ -272,7 +272,7 @@ class WorkerServer:
     task_seconds
         Timeout of a call, in wall time. [s]
     on_start
-        Function called after each attempt to start a worker, with the error message or an empty text.
+        Function called after each attempt to start a worker, with the error message, or an empty string on success.
     """
 
     def __init__(
