@@ -16,7 +16,7 @@ from validation.report import Section, write_report
 def main(arguments: list[str] | None = None) -> int:
     """Write a report; return the exit status."""
     parser = argparse.ArgumentParser(
-        prog="python -m validation", description="Compare the model with what is published."
+        prog="python -m validation", description="Compare the model with published results."
     )
     reports = parser.add_subparsers(required=True, metavar="REPORT")
     for name, report, folder, text in (

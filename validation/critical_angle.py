@@ -43,7 +43,7 @@ class Attempts:
 
     @property
     def turned_away(self) -> list[bool]:
-        """Whether the nose tip is above the face at 5 ms, which is the paper's criterion for ricochet, by trial."""
+        """Whether the nose tip is above the face at 5 ms, the paper's criterion for ricochet, for each trial."""
         return [depth < 0.0 for depth in self.final]
 
 
@@ -206,10 +206,10 @@ def _trial_columns(attempts: dict[SearchMethod, Attempts]) -> dict[str, list[obj
 INSTANTS = (0.0, 1e-3, 2e-3, 3.2e-3, 5e-3)
 """Instants at which Figure 15 shows the projectile. [s]"""
 ASIDE = math.radians(0.5)
-"""Distance from the critical angle of the strikes just below and above it in Figure 15. [rad]"""
+"""Offset from the critical angle of the strikes just below and above it in Figure 15. [rad]"""
 RUNS = ("oblique-48", "oblique-50", "oblique-52")
 VIEW_LATERAL, VIEW_DEPTH = (-0.52, 0.95), (-0.42, 0.2)
-"""Ends of the axes of Figure 15. [m]"""
+"""Limits of the axes of Figure 15. [m]"""
 WORDS = {"embedded": "embedded", "ricochet": "turned away", "in_motion": "tip still inside, sliding"}
 
 
@@ -376,7 +376,7 @@ def _finite_elements() -> tuple[Cost, Cost]:
 
 
 def _measured(method: SearchMethod) -> Cost:
-    """Repeat a search on one thread; return its shortest CPU time."""
+    """Repeat a search, and return its shortest CPU time."""
     search(method)
     shortest = min(_cpu_seconds(method) for _ in range(REPEATS[method]))
     way = "outcome search (ours)" if method == "outcome" else f"{method} (paper's elements)"

@@ -33,11 +33,11 @@ from validation.report import Comparison, Figure, ReportTable, Section
 MARKS = ("o", "s", "^", "D", "v", "P")
 COLORS = (style.MODEL, style.FINITE_ELEMENT, style.PAPER, "#8a4fae")
 DEPTHS = (0.12, 4.0)
-"""Ends of the axes of depth. [m]"""
+"""Limits of the depth axes. [m]"""
 
 
 def depth_figure(assessment: Assessment, factor_model: str, name: str) -> Figure:
-    """Draw predicted against measured depth, and their ratio over velocity, for both methods."""
+    """Draw predicted against measured depth, and their ratio against velocity, for both methods."""
     figure, axes = style.panels(4, rows=2, height=7.4)
     velocities = np.array([strike.test.velocity for strike in assessment.strikes])
     columns: dict[str, Sequence[object]] = {
@@ -96,8 +96,8 @@ def _ratio(axes: Axes, assessment: Assessment, velocities: FloatArray, ratios: F
 
 
 SERIES = "forrestal-1994"
-"""Series for which the mean and the coefficient of variation of predicted over measured depth were set beforehand, for
-the closed form with S = 82.6 f'c^−0.544."""
+"""Series whose mean and coefficient of variation of predicted over measured depth were fixed beforehand, for the closed
+form with S = 82.6 f'c^−0.544."""
 MEAN_RATIO, MEAN_RATIO_TOLERANCE = 1.02, 0.03
 VARIATION, VARIATION_TOLERANCE = 0.08, 0.02
 FIGURE_NAMES = ("power-law-82.6", "power-law-72", "constant-8.52", "leave-one-out")
@@ -136,7 +136,7 @@ def agreement_1994(assessment: Assessment, method: str) -> Agreement:
 
 
 def _reading(assessment: Assessment) -> str:
-    """Return the text that compares the expected mean ratio with results by several definitions of it."""
+    """Return the text that compares the expected mean ratio with the results of several definitions of it."""
     ratios = assessment.ratios(CLOSED_FORM, POWER_LAW)
     with_outlier = agreement(ratios[[strike.test.series == SERIES for strike in assessment.strikes]])
     without = agreement_1994(assessment, CLOSED_FORM)
@@ -200,7 +200,7 @@ FASTEST = 1300.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CraterDifference:
-    """Depth by the closed form minus that by the trajectory model, for the counted tests with one nose and diameter."""
+    """Closed-form depth minus depth by the trajectory model, for the counted tests with one nose and diameter."""
 
     diameter: float
     """Diameter of the projectiles. [m]"""
@@ -218,7 +218,7 @@ class CraterDifference:
 
 
 def static_difference(projectile: Projectile) -> float:
-    """Return the depth by the closed form minus that by the trajectory model, for a resistance of S f'c only. [m]
+    """Return the closed-form depth minus the depth by the trajectory model, for a resistance of S f'c only. [m]
 
     Notes
     -----
@@ -232,7 +232,7 @@ def static_difference(projectile: Projectile) -> float:
 
 
 def crater_differences(assessment: Assessment) -> Sequence[CraterDifference]:
-    """Return the differences by diameter and nose, for S = 82.6 f'c^−0.544."""
+    """Return the differences, grouped by diameter and nose, for S = 82.6 f'c^−0.544."""
     closed, ours = (assessment.predictions[method, POWER_LAW].depths for method in (CLOSED_FORM, TRAJECTORY))
     kinds: dict[tuple[float, float], list[int]] = {}
     for place in assessment.chosen():

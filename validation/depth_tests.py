@@ -46,7 +46,7 @@ class PublishedStrike:
     group: str
     """Series and grade of concrete, within which one strength factor is fitted."""
     flags: tuple[ModelWarning, ...]
-    """Warnings of the model, except that of assumed mass properties."""
+    """Warnings of the model, except the warning about assumed mass properties."""
 
     @property
     def counted(self) -> bool:
@@ -88,7 +88,7 @@ def _strike(test: PenetrationTest, group: str) -> PublishedStrike:
 
 
 def _projectile(test: PenetrationTest) -> Projectile:
-    """Return the projectile of a test. If its length is unknown, it is that of a solid steel body of the same mass."""
+    """Return the projectile of a test. If its length is unknown, a solid steel body of the same mass is assumed."""
     nose = Ogive(caliber_radius_head=test.caliber_radius_head)
     nose_length = nose.length(test.diameter / 2.0)
     body = Projectile(nose=nose, diameter=test.diameter, length=test.length or nose_length, mass=test.mass)
@@ -99,9 +99,9 @@ def _projectile(test: PenetrationTest) -> Projectile:
 
 
 FIT_RANGE = (3.0, 15.0)
-"""Range in which the best strength factor is searched. [1]"""
+"""Range of the search for the best strength factor. [1]"""
 CURVE_DEGREE = 6
-"""Degree of the polynomial that approximates depth over S in a fit, to 10⁻⁶ of the depth."""
+"""Degree of the polynomial that approximates depth as a function of S in a fit, to 10⁻⁶ of the depth."""
 
 DepthCurve: TypeAlias = Callable[[float], float]
 """Function from the strength factor to the depth of the nose tip. [m]"""
@@ -186,7 +186,10 @@ def model_factors(strikes: Sequence[PublishedStrike], model: StrengthFactor) -> 
 
 
 def depth_curve(strike: PublishedStrike, method: str) -> DepthCurve:
-    """Return depth over S as a polynomial in their logarithms, so that all fits take `CURVE_DEGREE` + 1 runs a test."""
+    """Return depth as a function of S, a polynomial in their logarithms.
+
+    All fits take `CURVE_DEGREE` + 1 runs per test.
+    """
     depth = METHODS[method]
 
     def logarithms(factors: FloatArray) -> FloatArray:

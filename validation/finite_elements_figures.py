@@ -52,7 +52,7 @@ MESH_COLORS: Mapping[Mesh, str] = {"coarse": style.FINITE_ELEMENT, "fine": style
 
 
 def rms_figure(found: Mapping[Mesh, Calibration]) -> Figure:
-    """Draw the normalised RMS misfit of each run over its angle, by decay law."""
+    """Draw the normalised RMS misfit of each run against its angle, by decay law."""
     figure, panels = style.panels(2, height=3.6, sharey=True)
     series: dict[str, dict[str, Column]] = {}
     for axes, later in zip(panels, (False, True), strict=True):
@@ -144,7 +144,10 @@ def tip_figure(found: Mapping[Mesh, Calibration]) -> Figure:
 def factor_figure(
     found: Mapping[Mesh, Calibration], predicted: Predictions, brackets: Mapping[Mesh, tuple[float, float]]
 ) -> Figure:
-    """Draw fitted points and polynomials of S over the angle, a panel for each decay law; brackets are in radians."""
+    """Draw points and fitted polynomials of S against the angle, with a panel for each decay law.
+
+    Brackets are in radians.
+    """
     figure, panels = style.panels(len(LAWS), height=4.4, sharey=True)
     series: dict[str, dict[str, Column]] = {}
     for axes, law in zip(panels, LAWS, strict=True):

@@ -186,7 +186,7 @@ class Ending:
     center_velocity: float
     """Velocity of the centre of gravity along the inward normal. [m/s]"""
     energy_share: float
-    """Kinetic energy over the initial one. [1]"""
+    """Kinetic energy as a fraction of the initial one. [1]"""
 
     @property
     def turned_away(self) -> bool:
@@ -202,7 +202,7 @@ class Ending:
 
 
 def ending(run: FiniteElementRun) -> Ending:
-    """Return the last row of a run."""
+    """Return the state in the last row of a run."""
     properties = mass_properties(PAPER_PROJECTILE)
     axis, rate = run.oblique_angle + run.rotation[-1], float(run.angular_velocity[-1])
     return Ending(

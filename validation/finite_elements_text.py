@@ -166,7 +166,7 @@ def _depths(found: Mapping[Mesh, Calibration]) -> str:
 
 
 def _deeper() -> float:
-    """Return greatest depth of the fastest normal shot with the fine mesh minus that with the coarse one. [mm]"""
+    """Return how much deeper the fastest normal shot goes with the fine mesh than with the coarse one. [mm]"""
     fine, coarse = (finite_element_run(name) for name in ("fine-normal-369.5", "normal-369.5"))
     return 1e3 * float(fine.depth_displacement.max() - coarse.depth_displacement.max())
 

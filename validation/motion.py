@@ -56,7 +56,7 @@ def column(history: MotionHistory, quantity: str) -> FloatArray:
 def draw_histories(
     curves: Sequence[Curve], *, mark: float | None = None, against: MotionHistory | None = None
 ) -> matplotlib.figure.Figure:
-    """Draw the three quantities over time.
+    """Draw the three quantities against time.
 
     Parameters
     ----------
@@ -244,7 +244,7 @@ SENSITIVITY = paragraphs(
     """
 )
 CLOSE = {"lateral_displacement": 1e-3, "depth_displacement": 1e-3, "rotation": 0.1}
-"""Tolerance for the difference of the greatest values by the paper's grid and by the adaptive method. [m, m, °]"""
+"""Tolerance for the difference between the greatest values on the paper's grid and by the adaptive method. [m, m, °]"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,7 +32,7 @@ LAW: Final = SeriesScatter(between=PublishedTests.between_series, within=Publish
 
 
 def counted_rows(without: Collection[int] = ()) -> tuple[DepthShot, ...]:
-    """Return the rows to which a law for rigid bodies applies, without those of some articles.
+    """Return the rows to which a law for rigid bodies applies, without the rows of some articles.
 
     Three rows of article 43 are left out because they repeat shots of article 40, to which the law was fitted.
     """
@@ -50,7 +50,7 @@ def _numbers(shot: DepthShot) -> tuple[float, ...]:
 
 
 def check(without: Collection[int] = ()) -> tuple[Coverage, ...]:
-    """Return the coverage by the law of the solver after no, one and two shots of a series, without some articles."""
+    """Return the coverage of the solver's law after no, one and two shots of a series, with some articles left out."""
     found = [UnseenSeries(misses=misses, scatter=LAW) for misses in series_misses(without)]
     return tuple(coverage(found, count) for count in range(3))
 

@@ -33,7 +33,7 @@ Mesh: TypeAlias = Literal["coarse", "fine"]
 MESHES: Final[tuple[Mesh, ...]] = ("coarse", "fine")
 """Meshes of the finite element runs: cubes of 10 mm and 7.5 mm near the point of impact."""
 THREADS = 2
-"""Number of threads of long computations."""
+"""Number of threads for long computations."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -87,7 +87,7 @@ class Section:
 
 
 def paragraphs(text: str) -> list[str]:
-    """Split a text at blank lines into paragraphs for `Section.text`; other line ends become blanks."""
+    """Split a text at blank lines into paragraphs for `Section.text`; other line breaks become spaces."""
     return [re.sub(r"[ \n]+", " ", part).strip() for part in text.strip().split("\n\n")]
 
 
@@ -291,7 +291,10 @@ def _decimals(comparison: Comparison) -> int:
 
 
 def _cells(table: ReportTable) -> list[list[tuple[str, bool]]]:
-    """Return the rows as pairs of a text and whether it is a number, with common decimals in a column if possible."""
+    """Return the text of each cell, and whether it is a number.
+
+    A column has a common number of decimals if possible.
+    """
     columns = [_column(values) for values in zip(*table.rows, strict=True)]
     return [list(row) for row in zip(*columns, strict=True)]
 

@@ -55,8 +55,8 @@ SEPARATE = {
     "no decay near the face": 57.53,
     "tip at 5 ms": 48.61,
 }
-"""Critical angles by an independent program with 96,000 panels and steps of 1 µs. The first angle is by the outcome,
-the others are by the depth of the nose tip at 5 ms. [°]"""
+"""Critical angles computed by an independent program with 96,000 panels and steps of 1 µs. The first angle is judged by
+the outcome, the others by the depth of the nose tip at 5 ms. [°]"""
 OPEN_POINTS = paragraphs(
     """
     Where the paper does not say, we had to choose. Each row changes one thing in our reading of it

@@ -65,7 +65,8 @@ SHORT_RAMPS = (0.01, 0.001)
 of the ramp, a shank that rests against the wall of its hole creeps. Over a long path this turns the body by tenths of a
 degree, and moves its last contact with the hole. [1]"""
 GRAZING_DEPTH = 1e-3
-"""Depth over length below which a contact may lie between two rows of panels; about the spacing of the rows. [1]"""
+"""Ratio of depth to length below which a contact may lie between two rows of panels; about the spacing of the rows.
+[1]"""
 NEAR_THRESHOLD = 3.0
 """Outcomes of the routes may differ if the energy left is within this factor of the retention energy. [1]"""
 SPEED_TOLERANCE, DEPTH_TOLERANCE = 0.01, 0.02

@@ -1,4 +1,4 @@
-"""Tables 1 and 2, eq. 9 and Figures 6, 8 and 12: S in normal impact, and over the oblique angle."""
+"""Tables 1 and 2, eq. 9 and Figures 6, 8 and 12: S in normal impact, and as a function of the oblique angle."""
 
 import math
 from collections.abc import Sequence

@@ -44,28 +44,29 @@ HEAVIEST_STEEL = 9000.0
 STRENGTHS = (10e6, 110e6)
 """Range of the strengths used. [Pa]"""
 LEAST_CALIBERS = 2.0
-"""Depth over diameter below which the front crater governs the depth. [1]"""
+"""Ratio of depth to diameter below which the front crater governs the depth. [1]"""
 LEAST_THICKNESS = 1.5
-"""Thickness over depth below which the rear face weakens the target. [1]"""
+"""Ratio of thickness to depth below which the rear face weakens the target. [1]"""
 OTHER_MATERIAL = re.compile(
     r"UHP|UHMWPE|UHTCC|FRC|FRH|RPC|Reactive|Fib|SHCC|VHSC|HSSB|NSSB|Steel|Granite|G Mix", re.IGNORECASE
 )
-"""Matches names of fibre, reactive powder and ultra-high-performance mixes, of targets with steel bars, and of rock."""
+"""Pattern of the names of fibre, reactive powder and ultra-high-performance mixes, of targets with steel bars, and of
+rock."""
 CONTRADICTED: Mapping[int, str] = {
     **dict.fromkeys((9, 10), "the same body at the same speed went 2 to 3 times as deep in rows 6 to 8"),
     55: "590 m/s is probably a slip for 690 m/s",
 }
 """Rows that contradict other rows of their article, with the reason."""
 NORMALISED = frozenset((*range(721, 734), 735, 737, 738))
-"""Rows of article 71 whose depths seem to be normalised to its 29.9 mm body. At 650 m/s bodies of 0.04, 0.12, 1 and
-8 kg all have a depth of 0.6 to 0.8 m, so that S would be 22 for the largest and 2.4 for the smallest."""
+"""Rows of article 71 whose depths seem to be normalised to its 29.9 mm body. At 650 m/s bodies of 0.04, 0.12, 1 and 8
+kg all have a depth of 0.6 to 0.8 m, so S would be 22 for the largest and 2.4 for the smallest."""
 NORMALISED_TO = 0.0299
 """Diameter of the body to which these depths seem to be normalised. If each depth is multiplied by the diameter of its
 row over this one, S is 6 to 12. [m]"""
 MEASURED_IN_GRAMS = 100.0
-"""Ratio of the mass to that of a solid cylinder, above which the mass must have been given in grams. [1]"""
+"""Ratio of the mass to the mass of a solid cylinder, above which the mass must have been given in grams. [1]"""
 HEAVIEST = 1.05
-"""Ratio of the mass to that of a solid cylinder, above which mass, size or material of a row must be wrong. [1]"""
+"""Ratio of the mass to the mass of a solid cylinder, above which mass, size or material of a row must be wrong. [1]"""
 FREEDOM = PublishedTests.degrees_of_freedom
 FREEDOMS = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 12.0, 1e6)
 """Degrees of freedom that are compared; the last value is practically a normal distribution. [1]"""
@@ -241,7 +242,7 @@ class UnseenSeries:
     """Residuals of a series about a law fitted without it, and the scatter of that law."""
 
     misses: FloatArray
-    """Residuals: ln S of each shot minus that of the law, (n,)."""
+    """Residuals: ln S of each shot minus ln S of the law, (n,)."""
     scatter: SeriesScatter
 
     def after(self, given: Sequence[int]) -> ShotPrediction:

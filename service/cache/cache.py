@@ -335,8 +335,7 @@ class ResultCache:
         return False
 
     def _reconcile(self) -> None:
-        """Make the index match the files, since a crash may have come between a change of the files and one of the
-        index."""
+        """Make the index match the files. A crash may have come between a change of the files and of the index."""
         with self._noting():
             indexed, there = self._index.names(), self._segments.names()
             self._index.drop(indexed - there)
