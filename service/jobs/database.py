@@ -2,7 +2,7 @@
 
 The write-ahead log is synchronised at each commit, so that a transaction is complete after any crash, or absent. The
 log is moved into the file regularly, always as a whole. A damaged bit in the log then costs only transactions since the
-last move, and those before the damage still fit the file.
+last move, and those before the damage can still be applied to the file.
 """
 
 import os
@@ -117,7 +117,7 @@ class Database:
         Raises
         ------
         StorageError
-            If the transaction fails; nothing has changed then.
+            If the transaction fails; it then changes nothing.
         """
         with self._connected("write") as connection:
             connection.execute("BEGIN IMMEDIATE")  # Takes the write lock now: no later statement can fail to get it.
@@ -153,7 +153,7 @@ class Database:
         Raises
         ------
         StorageError
-            If the disk fails; nothing is lost then.
+            If the disk fails; nothing is lost.
         """
         if self._written:
             with self._connected("write") as connection:

@@ -92,7 +92,7 @@ class JobManager:
         self._reader = ResultReader(queries, jobs, self._runner, self._studies)
         self._accepting: set[tuple[str, str]] = set()
         """Owners and idempotency keys of requests that are being accepted."""
-        # Cases are counted while a body is being read, as several large bodies at once could otherwise exceed the limit
+        # Cases are counted while a body is being read, since several large bodies could otherwise exceed the limit
         # together.
         self._received: Counter[str] = Counter()
         """Numbers of cases received so far for jobs whose bodies are being read, by owner."""
@@ -260,7 +260,7 @@ class JobManager:
         StorageError
             If the job cannot be stored.
         Exception
-            Raised by `blocks`; the job is removed then.
+            Raised by `blocks`; the job is then removed.
         """
         receive = partial(
             self._receive, operation, blocks, owner, queue or owner, idempotency, sweep, charge, count, estimate
@@ -486,7 +486,7 @@ class JobManager:
     async def _go_on(self) -> None:
         """Load the unfinished jobs of an earlier process, and remove those that it did not accept completely.
 
-        This is done once, before any new job is stored, since the removal would include jobs that are being received.
+        This is done once, before any new job is stored, since it would also remove jobs that are being received.
         """
         async with self._beginning:
             if self._going_on:
@@ -506,7 +506,7 @@ class JobManager:
 
     async def _expire(self) -> None:
         while True:
-            # As long as the jobs could not be loaded, this task also tries again to load them, and does so more often.
+            # Until the jobs have been loaded, this task also retries loading them, and runs more often.
             await asyncio.sleep(EXPIRY_SECONDS if self._going_on else REOPEN_SECONDS)
             await self._scheduler.write_ends()
             with suppress(StorageError):

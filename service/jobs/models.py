@@ -230,7 +230,7 @@ class CaseRow(NamedTuple):
 class CaseBlock:
     """Stored block of cases in order: concatenated keys, and canonical requests as compressed lines of JSON.
 
-    Requests of a batch are similar, so that they are compressed together: to some 15 bytes per case instead of 800.
+    Requests of a batch are similar. Compressed together, they take some 15 bytes per case instead of 800.
     """
 
     keys: bytes
@@ -289,7 +289,7 @@ DAMAGE = (LookupError, OSError, OverflowError, TypeError, ValueError, zlib.error
 """Exceptions that decoding a damaged value may raise."""
 JOB = TypeAdapter(JobState)
 VERSIONS_KEPT = 2
-"""Number of versions stored with a job: that of the solver and that of the contract."""
+"""Number of versions stored with a job: the versions of the solver and of the contract."""
 
 
 def _date(timestamp: float) -> datetime:
@@ -347,7 +347,7 @@ def read_job(row: Sequence[Any], operations: Container[str]) -> JobState:
     if len(str(found["versions"]).split()) != VERSIONS_KEPT:
         wrong.add("versions")
     job = _validated({**found, **{name: WITHOUT.get(name) for name in wrong}}, wrong)
-    # Each number can be valid by itself and yet contradict the others.
+    # Each number can be valid on its own and yet contradict the others.
     if not wrong and not 0 <= max(job.cached, job.failed) <= job.done <= job.total:
         wrong.add("done")
     if not wrong:

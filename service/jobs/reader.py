@@ -28,8 +28,8 @@ FIRST_CASES = 4
 READ_BYTES = 1024 * 1024
 """Approximate size of the answers read at once [bytes]. Answers with long histories take 4 MB each."""
 BLOCKS_AT_ONCE = 2
-"""Number of blocks of results in memory, of all readers together. While a block is encoded it can take twenty times the
-size of its answers."""
+"""Number of blocks of results in memory, across all readers. While a block is encoded it can take twenty times the size
+of its answers."""
 
 Value = TypeVar("Value")
 Take: TypeAlias = Callable[[int], None]
@@ -66,7 +66,7 @@ class ResultReader:
         *,
         whole: bool = False,
     ) -> AsyncGenerator[Value, None]:
-        """Read results from case `start` on, and yield the value of `use` for each block.
+        """Read results, beginning with case `start`, and yield the value of `use` for each block.
 
         The reading ends at the first case without a result; in a job that has ended, such cases are skipped.
 

@@ -346,7 +346,7 @@ class Scheduler:
         StorageError
             If the disk has refused a result: a job must not succeed with results that are missing.
         """
-        # The results are stored before the cases are marked; see the docstring of the module.
+        # The results are stored before the cases are marked; see the module docstring.
         if any(result.record is not None and not result.record.stored for result in results):
             raise StorageError(f"results cannot be stored: {self._queries.cache.last_error or 'the disk refused them'}")
         states: dict[int, CaseState] = {}

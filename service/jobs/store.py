@@ -376,7 +376,7 @@ class JobStore:
         ).fetchall()
         # Each case may still fail and have a problem stored, so the space for it is counted in advance.
         most = size + PROBLEM_BYTES * total
-        # The exact sum takes a time proportional to the number of jobs. It is computed only if the upper bound, which
+        # The exact sum takes time proportional to the number of jobs. It is computed only if the upper bound, which
         # includes jobs that have been removed since, exceeds the limit.
         if owner in self._most_taken and self._most_taken[owner] + most <= self._owner_bytes:
             self._most_taken[owner] += most
