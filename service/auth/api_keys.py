@@ -2,7 +2,7 @@
 
 A token such as `ricochet_5f0c21d9_pV3v1k...` consists of prefix, id and secret. The id is public and appears in lists
 and in the audit log. Only a hash of the token is stored. A fast hash is sufficient and allows thousands of requests a
-second: slow hashes protect passwords that people choose, not 256 random bits.
+second: slow hashes are meant for passwords that people choose, not for 256 random bits.
 """
 
 import contextlib
@@ -44,7 +44,7 @@ RELOAD_SECONDS = 0.2
 BUSY_SECONDS = 5.0
 """Timeout for the database lock of another process, which holds it for milliseconds [s]."""
 HEADER_BYTES = 100
-"""Length of the header of a SQLite file, which contains a counter of changes [bytes]."""
+"""Length of the header of a SQLite file, which contains a change counter [bytes]."""
 LAYOUT = 1
 TABLES = """
 CREATE TABLE IF NOT EXISTS api_keys (

@@ -177,7 +177,7 @@ def context_in(scope: RequestScope) -> RequestContext:
 
 
 class Authorization(HTTPBearer):
-    """Security scheme that declares keys in the contract and also checks them.
+    """Security scheme that declares API keys in the contract and also checks them.
 
     A separate dependency for the check would cost each request another call through FastAPI's dependency solver.
     FastAPI fills in the parameter of `__call__` that the base class lacks.

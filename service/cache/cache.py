@@ -63,9 +63,9 @@ class ResultCache:
 
     Notes
     -----
-    No method except `check_folder` raises an error if the disk is full, read-only or gone, so that requests are still
-    answered; `last_error` has the reason. All methods except `recall` and `statistics` may wait for the disk, and must
-    not be called on the event loop.
+    No method except `check_folder` raises an error if the disk is full, read-only or missing, so that requests are
+    still answered; `last_error` has the reason. All methods except `recall` and `statistics` may wait for the disk, and
+    must not be called on the event loop.
     """
 
     def __init__(self, folder: Path, *, memory_bytes: int, disk_bytes: int) -> None:
@@ -203,7 +203,7 @@ class ResultCache:
             self._lock.check()
 
     def writable(self) -> bool:
-        """Return True if results can be written now, by writing and removing a file."""
+        """Write and remove a file; return True if this succeeds, so that results can be written."""
         with self._noting():
             self.check_folder()
             discard(self._segments.stage(PROBE))

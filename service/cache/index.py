@@ -216,8 +216,8 @@ class Journal:
     """Journal that holds the results of single queries until there are enough of them for a segment. It is thread-safe.
 
     A result in a segment of its own takes twelve times the disk space that it takes in a segment of many, and twenty
-    times the work. Results in the journal survive a killed process. A power cut may lose the latest ones, which are
-    then computed again, like those of segments.
+    times the work. Results in the journal survive if the process is killed. A power cut may lose the latest ones, which
+    are then computed again, like those of segments.
 
     Parameters
     ----------
@@ -237,7 +237,7 @@ class Journal:
         self._connection = _opened(path, JOURNAL_TABLES, path.parent.parent / "damaged")
 
     def add(self, record: Record) -> None:
-        """Write a result in a transaction of its own."""
+        """Write a result in its own transaction."""
         row = (
             record.key,
             record.operation,

@@ -201,7 +201,7 @@ class Segments:
         Raises
         ------
         OSError
-            If the file cannot be written; it is removed then.
+            If the file cannot be written; it is then removed.
         """
         staged = self._partial / f"{os.getpid()}-{next(self._numbers)}"
         try:
@@ -219,7 +219,7 @@ class Segments:
         Raises
         ------
         OSError
-            If the file cannot be renamed; it is removed then.
+            If the file cannot be renamed; it is then removed.
         """
         path = self.path(name)
         try:

@@ -39,7 +39,7 @@ PLAIN = {"°": "deg", "−": "-", "θ": "theta", "±": "+/-", "×": "x", "–": 
 
 
 COMPLETION = "_ARGCOMPLETE"
-"""Variable that a shell sets to request completions from argcomplete."""
+"""Environment variable that a shell sets to request completions from argcomplete."""
 EVENT_LOOPS = frozenset({"serve", "mcp"})
 """Commands with an event loop in the main thread, which handles Ctrl-C itself."""
 

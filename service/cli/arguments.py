@@ -143,7 +143,7 @@ class Flag(NamedTuple):
     steps
         Path of the field in the request body.
     read
-        Function that converts the text of the command line to the value of the field.
+        Function that converts the text on the command line to the value of the field.
     choices
         Allowed values.
     implies

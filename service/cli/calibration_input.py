@@ -273,7 +273,7 @@ class CalibrationBody(RequestBody):
     data_file: str
 
     def describe(self, pointer: str, detail: str) -> str:
-        """Return the message of an error, with the flag or the file of the field."""
+        """Return an error message that names the flag or the file of the field."""
         if pointer.removeprefix("/").partition("/")[0] not in DATA:
             return super().describe(pointer, detail)
         return f"{self.data_file}: {pointer[1:].replace('/', '.')}: {detail}"

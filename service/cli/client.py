@@ -139,7 +139,7 @@ class Client:
     async def compute_until_cancelled(
         self, http: httpx.AsyncClient, operation: str, body: dict[str, Any]
     ) -> dict[str, Any]:
-        """Return the answer to one case. A busy service is not retried, but the problem has `retry_after_s` then."""
+        """Return the answer to one case. A busy service is not retried; its problem gets the field `retry_after_s`."""
         try:
             response = await http.post(path_to(operation), content=dumps(body), headers={"Content-Type": JSON})
         except httpx.TransportError as lost:
@@ -229,7 +229,7 @@ class Client:
                     raise self._unreachable(error) from None
                 time.sleep(pause)
                 continue
-            # Any response, even an error, shows that a service is there.
+            # Any response, even an error, shows that a service is running.
             self._reached = True
             if response.is_success:
                 return response
@@ -240,7 +240,7 @@ class Client:
 
     def _unreachable(self, error: httpx.TransportError) -> CommandError:
         """Return the error to raise if the service does not answer."""
-        quotes = isinstance(error, httpx.LocalProtocolError)  # Its text may quote the header with the key.
+        quotes = isinstance(error, httpx.LocalProtocolError)  # This error may quote the header with the key.
         reason = type(error).__name__ if quotes else reason_of(error) or type(error).__name__
         if not direct_transport(self._http.base_url, self._socket):
             names = set_variables(("ALL_PROXY", f"{self._http.base_url.scheme.upper()}_PROXY"))

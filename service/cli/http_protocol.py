@@ -11,7 +11,7 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResp
 
 MAX_HEAD_BYTES = 64 * 1024
 """Longest incomplete head of a request [bytes]. Without a limit, a client could fill the memory with one header. It is
-twice the limit of the application, which therefore answers a head that arrives in one piece with a problem."""
+twice the limit of the application, which therefore answers a head that arrives in one piece with a problem document."""
 TOO_LONG = b"HTTP/1.1 431 Request Header Fields Too Large\r\ncontent-length: 0\r\nconnection: close\r\n\r\n"
 
 
@@ -55,7 +55,7 @@ class HttpProtocol(HttpToolsProtocol):
         while again := self._declined:  # Recursion could overflow the stack: thousands of requests may be pipelined.
             self._declined = b""
             super().data_received(again)
-        if not self._in_head or self.headers is not begun:  # Each request has its own list: this head is new.
+        if not self._in_head or self.headers is not begun:  # Each request has its own list, so this head is new.
             return
         self._head_bytes += len(data)
         if self._head_bytes > MAX_HEAD_BYTES and not self.transport.is_closing():

@@ -39,8 +39,8 @@ if TYPE_CHECKING:
 
 DEFAULT_URL = "http://127.0.0.1:8000"
 SHORTEST_PAUSE, LONGEST_PAUSE = 0.05, 0.5
-"""Shortest and longest interval between requests for new results of a job [s]. It doubles while there are none. A rough
-choice: the end of a small job is noticed at once, and a long one costs two requests a second."""
+"""Shortest and longest interval between requests for new results of a job [s]. The interval doubles while there are
+none. A rough choice: the end of a small job is noticed at once, and a long one costs two requests a second."""
 ACTIONS = (
     ("list", "list the jobs, the newest first", "ricochet jobs list"),
     ("show", "print the state of a job", "ricochet jobs show ID --json"),

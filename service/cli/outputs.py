@@ -186,7 +186,7 @@ def _open_beside(path: Path) -> TextIO:
 
 
 def _replace(path: Path, partial_name: str, before: os.stat_result | None) -> None:
-    """Replace a file by a new one, and keep its owner and mode."""
+    """Replace a file with a new one, and keep its owner and mode."""
     if before is not None:
         with suppress(OSError):  # Only root may change the owner of a file.
             os.chown(partial_name, before.st_uid, before.st_gid)

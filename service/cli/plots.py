@@ -87,7 +87,7 @@ def plot_motion(
 
 
 def plot_search(output: OutputFile, answer: Mapping[str, Any]) -> None:
-    """Plot the final position of each trial over the oblique angle, and the critical angle."""
+    """Plot the final position of each trial against the oblique angle, and mark the critical angle."""
     with figure_file(output, SQUARE) as (_, panel):
         for outcome, color in COLORS.items():
             trials = [trial for trial in answer["iterations"] if trial["outcome"] == outcome]

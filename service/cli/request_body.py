@@ -19,8 +19,8 @@ MAX_BYTES, MAX_OBJECT = 2**30, 10_000_000
 read forever. A service accepts 200 MiB of JSON lines and 128 KiB in one case by default."""
 QUOTED = re.compile(r""""(?:[^"\\\n]|\\.)*+"?|'[^'\n]*+'?""")
 DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){100}")
-"""Pattern of an unquoted key of more than 100 parts. The time that tomllib takes grows with the square of their number,
-so the longest keys would take minutes."""
+"""Pattern of an unquoted TOML key of more than 100 parts. The time that tomllib takes grows with the square of their
+number, so the longest keys would take minutes."""
 MISSING = "is missing"
 """Message for a missing required field, the same as in `service.schemas.wording`."""
 WALL_PARTS = {"projectile", "target", "impact", "resistance", "numerics", "strength_scatter"}
@@ -127,7 +127,7 @@ def read_own_shots(flag: Flag, file: InputFile) -> list[dict[str, float]]:
 
 
 def without_sought(body: RequestBody, operation: str) -> RequestBody:
-    """Remove the fields that a search for perforation determines or lacks, and return the body.
+    """Remove the fields that a search for perforation determines or does not use, and return the body.
 
     The field to find is kept if it is given on the command line, so that it is refused by name.
     """
@@ -152,12 +152,14 @@ def _put_number(body: dict[str, Any], flag: Flag, value: float | None) -> None:
 
 
 def put_model(body: dict[str, Any], part: tuple[str, ...], chosen: Sequence[tuple[Flag, Any]]) -> None:
-    """Set a part with several models from its flags. The model of the file is kept if it has the fields of the flags.
+    """Set a part with several models, such as the nose, from its flags.
+
+    A model in the file is kept if it has the fields that the flags set.
 
     Raises
     ------
     CommandError
-        If a flag belongs to another model than the one that is named on the command line.
+        If a flag belongs to a model other than the one named on the command line.
     """
     holder: Any = body.setdefault(part[0], {}) if chosen or part[0] == "projectile" else None
     if not chosen or not isinstance(holder, dict):

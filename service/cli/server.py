@@ -28,7 +28,7 @@ from service.settings import Settings
 from solver.compilation import compilation_progress
 
 SOCKET_FOLDER_BYTES = 70
-"""Longest path of the folder of a socket [bytes]. The names below it take 24; macOS allows 103 in all, Linux 107."""
+"""Longest path of the folder of a socket [bytes]. The names below it take 25; macOS allows 103 in all, Linux 107."""
 TICK_SECONDS = 0.1
 """Interval between checks for a signal during a slow start, short enough for SIGTERM to seem immediate. [s]"""
 MAX_CONNECTIONS = 800
@@ -53,7 +53,7 @@ class Server(uvicorn.Server):
     Parameters
     ----------
     app, settings
-        Application, and its address and limits.
+        Application, and settings with its address and limits.
     on_start
         Function called when the server listens, with the port, or None for a socket file.
     **options

@@ -1,4 +1,4 @@
-"""`ricochet trajectory` and `ricochet cra`: compute one case locally or by a service."""
+"""`ricochet trajectory` and `ricochet cra`: compute one case locally or through a service."""
 
 import argparse
 import json

@@ -284,7 +284,7 @@ COLUMNS = (
 """Columns of the tables `jobs` and `sweeps` for the fields of a `JobState`. The last column is decoded to `axes`."""
 BLOCK_COLUMNS = "keys, states, requests, custom_ids"
 UNKNOWN = "unknown"
-"""Operation of a job whose own operation is damaged."""
+"""Operation of a job whose stored operation is damaged."""
 DAMAGE = (LookupError, OSError, OverflowError, TypeError, ValueError, zlib.error)
 """Exceptions that decoding a damaged value may raise."""
 JOB = TypeAdapter(JobState)

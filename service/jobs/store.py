@@ -50,7 +50,7 @@ OWNER_BYTES = 2**30
 """Default limit on the disk space for the jobs of one owner [bytes]. It holds some ten million cases."""
 JOB_BYTES = 10_000
 """Size charged for a job in addition to its cases [bytes]. It is more than a job takes, so that an owner has at most
-100,000 jobs."""
+some 100,000 jobs."""
 CASE_BYTES, PROBLEM_BYTES = 100, 300
 """Approximate sizes of a stored case, used for jobs whose size was not recorded, and of a stored problem [bytes]."""
 TAKEN = f"coalesce(bytes, {JOB_BYTES} + {CASE_BYTES} * total) + {PROBLEM_BYTES} * failed"

@@ -95,9 +95,9 @@ def read_depth_tests(
     Parameters
     ----------
     columns
-        Header of the column of each quantity that has another name there.
+        Headers by quantity, for columns that are not named after their quantity.
     units
-        Unit of each quantity whose header has none; the default is SI.
+        Units by quantity, for headers without a unit; the default is SI.
     diameter
         Diameter of the projectile, to find implausible depths. [m]
     grouped
@@ -263,9 +263,9 @@ def read_motion(
     Parameters
     ----------
     columns
-        CSV: header of the column of each quantity that has another name there.
+        CSV: headers by quantity, for columns that are not named after their quantity.
     units
-        Unit of each quantity whose header in a CSV file has none; the default is SI. LS-DYNA files have no units.
+        Units by quantity, for LS-DYNA files, which have none, and for CSV headers without a unit; the default is SI.
     axes
         LS-DYNA: global axis of each quantity. Quantities without an axis are left out.
     part, node

@@ -46,8 +46,7 @@ MOTION_FILES = "the motion of a body is in rbdout, nodout or binout"
 
 
 MAX_REASON = 500
-"""Longest reason of an error before it is cut [characters]: it may quote a cell of any length (the number is a
-rough choice)."""
+"""Longest error reason before it is truncated, a rough choice [characters]. A reason may quote a cell of any length."""
 
 
 class FileError(Exception):

@@ -298,10 +298,10 @@ def read_columns(
     Parameters
     ----------
     columns
-        Header of the column of each quantity that has another name there. A leading minus sign changes the sign of the
-        values; an empty header leaves the quantity out.
+        Headers by quantity, for columns that are not named after their quantity. A leading minus sign changes the sign
+        of the values; an empty header leaves the quantity out.
     units
-        Unit of each quantity whose header has none; the default is SI.
+        Units by quantity, for headers without a unit; the default is SI.
 
     Raises
     ------

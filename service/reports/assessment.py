@@ -90,7 +90,7 @@ class Assessed:
     answers: Mapping[str, Any]
     """Answers by name. A failed one is an object with the field `problem`."""
     speeds: Sequence[tuple[float, Mapping[str, Any]]]
-    """Speed [m/s] and answer of each search at a different speed, the search of the case included."""
+    """Speed [m/s] and answer of each search, at the speed of the case and at others."""
     made: str
     """Date and time at which the report was made."""
     address: str | None
@@ -108,7 +108,7 @@ class Limit(NamedTuple):
 
 
 def page(strike: Assessed) -> str:
-    """Return the report as HTML that needs no other file."""
+    """Return the report as self-contained HTML."""
     numbers = Numbers({**strike.answers, "case": strike.case, "assumed": strike.assumed})
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
@@ -208,7 +208,7 @@ def _groups(numbers: Numbers, strike: Assessed) -> Mapping[str, list[Row]]:
 
 
 def _probability_at(strike: Assessed, study: Mapping[str, Any] | None) -> int | None:
-    """Return the index of the oblique angle of the strike among those of the study; None if it is not among them."""
+    """Return the index of the strike's oblique angle among the angles of the study; None if it is not one of them."""
     angle = lookup(strike.case, "/impact/oblique_angle_deg")
     if study is None or angle is None:
         return None

@@ -29,7 +29,7 @@ STOP_SECONDS = 1.0
 
 
 class UnfitWorkerError(Exception):
-    """The worker runs other versions than the service, or has no pool."""
+    """The worker runs versions other than those of the service, or has no pool."""
 
 
 @cache
@@ -105,7 +105,7 @@ async def run_chunk(
     Raises
     ------
     UnfitWorkerError
-        If the worker runs other versions, or has no pool.
+        If the versions of the worker differ, or it has no pool.
     """
     host = get_worker().plugins.get(plugin_name(task_seconds))
     if host is None or versions() != expected:
@@ -119,7 +119,8 @@ def plugin_name(task_seconds: float) -> str:
 
 
 LOOK_SECONDS = 1.0
-"""Interval between checks of the list of workers, chosen by judgement [s]. Each is one request to the scheduler."""
+"""Interval between checks of the list of workers, chosen by judgement [s]. Each check is one request to the
+scheduler."""
 CONNECT_SECONDS = 5.0
 """Timeout for a reply of the scheduler, chosen by judgement [s]. A reply takes milliseconds, so a scheduler that
 exceeds the timeout is considered lost."""
@@ -131,7 +132,7 @@ SILENT_SECONDS = 10.0
 """Time without a heartbeat after which a worker counts as frozen and its chunks are given to others. [s]
 
 Workers send a heartbeat every half second, or every five seconds in a cluster of hundreds. Dask itself waits for five
-minutes before it gives up a worker.
+minutes before it gives up on a worker.
 """
 LIBRARIES = ("distributed", "tornado", "bokeh")
 """Libraries whose loggers get handlers when Dask is imported."""
@@ -316,7 +317,7 @@ async def in_time(call: Callable[[], Awaitable[Value]], seconds: float) -> Value
 
 
 def use_our_log() -> None:
-    """Pass Dask's log entries to the log of the service, without errors of its client and warnings of large chunks."""
+    """Pass Dask's log entries to the log of the service, except client errors and warnings about large chunks."""
     for name, logger in logging.root.manager.loggerDict.items():
         if name.startswith(LIBRARIES) and isinstance(logger, logging.Logger):
             logger.handlers.clear()

@@ -161,7 +161,7 @@ class DaskExecutor(Executor):
             self.queue.hand_out()  # `_for_pool` may return True for chunks by now, which the queue cannot notice.
 
     def _adapt(self) -> None:
-        """Start or cancel tasks, so that there are `CHUNKS_A_THREAD` for each thread of the usable workers only."""
+        """Start or cancel tasks, so that each thread of a usable worker has `CHUNKS_A_THREAD` of them."""
         for address in self._servers.keys() - self.cluster.threads.keys():
             for server in self._servers.pop(address):
                 server.cancel()
@@ -183,7 +183,7 @@ class DaskExecutor(Executor):
                 await asyncio.sleep(PAUSE_SECONDS * 2**work.losses)
             except asyncio.CancelledError:
                 # A worker that left while the connection stayed up may have been killed by the chunk. A worker that is
-                # frozen, or unreachable with the whole cluster, has not been.
+                # frozen, or unreachable with the whole cluster, was not.
                 if self.cluster.client is client and not self.cluster.knows(address):
                     self._blame(work)
                 else:

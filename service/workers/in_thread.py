@@ -1,4 +1,4 @@
-"""Executor that runs calls in a thread of the service, for debuggers."""
+"""Executor that runs calls in a thread of the service, for use with a debugger."""
 
 import asyncio
 import os

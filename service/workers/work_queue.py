@@ -103,7 +103,7 @@ Accepts = Callable[[Work], bool]
 
 
 def any_work(_: Work) -> bool:
-    """Return True, as the filter of a server that takes any work."""
+    """Accept any work."""
     return True
 
 
@@ -186,7 +186,7 @@ class WorkQueue:
             pass
 
     def _hand_out_one(self) -> bool:
-        """Give one item to a server, first of the worker with most idle servers; return False if none takes one."""
+        """Give one item to a server, preferring workers with most servers idle; return False if no server takes one."""
         free = Counter(server.worker for server in self._servers.values())
         by_room = sorted(self._servers.items(), key=lambda item: -free[item[1].worker] / item[1].places)
         for turn, server in by_room:
@@ -267,7 +267,7 @@ class WorkQueue:
         """Advance the virtual time of the owner by the cost of the work."""
         self._now = max(self._now, self._times[work.owner])
         self._times[work.owner] += work.cost_left
-        # An owner without work whose time has passed would start at the present time anyway. Such owners are removed
-        # to keep the table small.
+        # An owner without work whose virtual time has passed would start at the present time anyway. Such owners are
+        # removed to keep the table small.
         for owner in [name for name, time in self._times.items() if time <= self._now and name not in self._lines]:
             del self._times[owner]

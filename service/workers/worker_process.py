@@ -32,7 +32,7 @@ LARGE_BYTES = 1 << 18
 """Size above which a reply is unpickled in a thread [bytes]. Unpickling a history of 4 MB takes 3 ms."""
 RETRY_SECONDS, LONGEST_RETRY_SECONDS = 0.2, 5.0
 """First and longest backoff between attempts to start a worker, doubled each time [s]. Chosen by judgement: a lack of
-processes may pass within a second, and longer delays would keep a service without workers needlessly."""
+processes may pass within a second, and longer delays would needlessly leave a service without workers."""
 
 SCRATCH_BYTES = 1 << 16
 """Largest message, including its header, that is read into the shared buffer [bytes]. A longer one gets a buffer of its
