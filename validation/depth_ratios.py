@@ -222,9 +222,9 @@ def static_difference(projectile: Projectile) -> float:
 
     Notes
     -----
-    With full resistance on the area A from the face on, the projectile would stop at m V² / (2 S f'c A). A crater two
-    diameters deep, which resists as a linear spring, adds one diameter. The trajectory model loads the part of the nose
-    inside the target, which adds the length of the nose minus its volume over A.
+    If the resistance acted on the full area A from the face onward, the projectile would stop at m V² / (2 S f'c A). A
+    crater two diameters deep, which resists as a linear spring, adds one diameter. The trajectory model loads the part
+    of the nose inside the target, which adds the length of the nose minus its volume over A.
     """
     nose = replace(projectile, length=projectile.nose_length, center_of_gravity=None)
     area = math.pi * projectile.radius**2
@@ -251,7 +251,7 @@ def crater_differences(assessment: Assessment) -> Sequence[CraterDifference]:
 
 
 def crater_section(assessment: Assessment) -> Section:
-    """Return the section on the difference between closed form and trajectory model."""
+    """Return the section on the difference between the closed form and the trajectory model."""
     differences = crater_differences(assessment)
     return Section(
         title="The closed form and the trajectory model",

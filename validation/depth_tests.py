@@ -245,7 +245,7 @@ class Agreement:
     mean_ratio: float
     """Mean of predicted over measured depth. [1]"""
     coefficient_of_variation: float
-    """Sample standard deviation, with n - 1, over the mean. [1]"""
+    """Sample standard deviation, with n - 1, divided by the mean. [1]"""
     within_band: int
     """Number of tests with a ratio of 1 ± `BAND`."""
 

@@ -45,7 +45,7 @@ LAW_LINES = {"elastic_plastic": "--", "mohr_coulomb": "-."}
 MESH_LINES: Mapping[Mesh, str] = {"coarse": "-", "fine": ":"}
 MESH_MARKS: Mapping[Mesh, str] = {"coarse": "o", "fine": "s"}
 ANGLES = (44.0, 54.0)
-"""Ends of the axis of critical angles. [°]"""
+"""Limits of the axis of critical angles. [°]"""
 BESIDE: Mapping[Mesh, float] = {"coarse": -0.3, "fine": 0.3}
 """Offsets with which the points of the two meshes are drawn side by side. [°]"""
 MESH_COLORS: Mapping[Mesh, str] = {"coarse": style.FINITE_ELEMENT, "fine": style.TEST}

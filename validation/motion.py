@@ -112,7 +112,7 @@ def history_columns(curves: Sequence[Curve]) -> dict[str, list[object]]:
 
 STRENGTH_FACTORS = (5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
 NUMBERS = {15: 9, 30: 10, 45: 11}
-"""Number of the figure in the paper, by angle. [°]"""
+"""Figure number in the paper, by angle. [°]"""
 
 
 def motion_section(progress: Progress) -> Section:

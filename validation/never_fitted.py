@@ -26,8 +26,8 @@ from validation.strength_law import (
 )
 
 PROGRAMME: Final = frozenset({29, 30, 64})
-"""Articles on one test programme. Some of their rows are repeated, and its 12.7 mm bodies weigh a third of solid steel
-bodies of the stated size."""
+"""Articles on one test programme. Some of their rows are repeated, and the 12.7 mm bodies of the programme weigh a
+third of solid steel bodies of the stated size."""
 LAW: Final = SeriesScatter(between=PublishedTests.between_series, within=PublishedTests.within_series)
 
 

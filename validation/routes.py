@@ -120,7 +120,8 @@ class End(NamedTuple):
 
     outcome: Outcome
     energy: float
-    """Final kinetic energy, without rotation for a sphere, over the translational energy at first contact. [1]"""
+    """Final kinetic energy, without rotation for a sphere, relative to the translational energy at first contact.
+    [1]"""
     speed: float | None
     """Exit speed; None if the projectile does not leave. [m/s]"""
     depth: float
@@ -130,7 +131,7 @@ class End(NamedTuple):
     at_rest: bool
     """True if the run ended because the body was at rest. The panel method does not always detect rest."""
     time: float
-    """Time of the end. [s]"""
+    """Time at which the run ended. [s]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -457,7 +457,7 @@ def strength_law_section() -> Section:
 
 
 def _comparisons(law: MixedModel) -> tuple[Comparison, ...]:
-    """Return comparisons of the constants of the solver's law with those fitted here."""
+    """Return comparisons of the constants of the solver's law with the constants fitted here."""
     constant, strength, diameter = law.coefficients.tolist()
     numbers = (
         ("coefficient", math.exp(constant), PublishedTests.law.coefficient, 0.01),
