@@ -93,7 +93,7 @@ def fitted_figure(found: Mapping[Mesh, Calibration]) -> Figure:
         histories = _computed(found, angle) | _modelled(coarse, run)
         for axes, (quantity, label) in zip(panels[3 * row :], QUANTITIES.items(), strict=False):
             for name, history in histories.items():
-                axes.plot(history.time * 1e3, _shown(history)[quantity], **_look(name), label=name)
+                axes.plot(history.time * 1e3, _in_display_units(history)[quantity], **_line_style(name), label=name)
             axes.axvline(_end(coarse, run) * 1e3, color=style.HINT, linestyle=":", linewidth=1.0)
             axes.set(xlim=(0.0, run.time[-1] * 1e3), title=label if row == 0 else "")
             axes.set_xlabel("time [ms]" if angle == PAPER_ANGLES[-1] else "")
@@ -121,7 +121,7 @@ def tip_figure(found: Mapping[Mesh, Calibration]) -> Figure:
             histories = {f"finite elements, {mesh} mesh": history_of(run)} | _modelled(calibration, run)
             for name, history in histories.items():
                 depth = path_of(history, impact_of(run)).depth
-                axes.plot(history.time * 1e3, depth * 1e3, **_look(name), label=name)
+                axes.plot(history.time * 1e3, depth * 1e3, **_line_style(name), label=name)
                 series[f"{angle:g} deg, {mesh}: {name}"] = {"time_s": history.time, "nose_tip_depth_m": depth}
             factors = [calibration.own(law)[angle].estimate.strength_factor for law in LAWS]
             axes.axhline(0.0, color=style.FACE, linewidth=1.0)
@@ -244,7 +244,7 @@ def _modelled(calibration: Calibration, run: FiniteElementRun) -> dict[str, Moti
     }
 
 
-def _look(name: str) -> dict[str, Any]:
+def _line_style(name: str) -> dict[str, Any]:
     for mesh in MESHES:
         if name == f"finite elements, {mesh} mesh":
             return {"color": MESH_COLORS[mesh], "linestyle": "-"}
@@ -257,14 +257,14 @@ def _end(calibration: Calibration, run: FiniteElementRun) -> float:
     return float(calibration.own("elastic_plastic")[run.degrees].predicted.time[-1])
 
 
-def _shown(history: MotionHistory) -> dict[str, FloatArray]:
+def _in_display_units(history: MotionHistory) -> dict[str, FloatArray]:
     return {name: np.degrees(values) if name == "rotation" else values for name, values in history.columns.items()}
 
 
 def _columns(history: MotionHistory) -> dict[str, Column]:
     units = {"depth_displacement": "m", "lateral_displacement": "m", "rotation": "deg"}
     columns: dict[str, Column] = {"time_s": history.time}
-    return columns | {f"{name}_{units[name]}": values for name, values in _shown(history).items()}
+    return columns | {f"{name}_{units[name]}": values for name, values in _in_display_units(history).items()}
 
 
 def _shade(axes: Axes, brackets: Mapping[Mesh, tuple[float, float]]) -> None:

@@ -123,7 +123,7 @@ def _calibrate(mesh: Mesh, progress: Progress) -> Calibration:
     later = fit_laws(runs, [history_of(run).time_of_greatest_depth for run in runs])
     progress(f"finite elements, {mesh} mesh: fits to one quantity")
     alone = {
-        name: {run.degrees: _alone(run, end, law) for run, end in zip(runs, ends, strict=True)}
+        name: {run.degrees: _fit_quantities(run, end, law) for run, end in zip(runs, ends, strict=True)}
         for name, law in LAWS.items()
     }
     return Calibration(
@@ -149,7 +149,7 @@ def fit_laws(runs: Sequence[FiniteElementRun], ends: Sequence[float]) -> DecayLa
     )
 
 
-def _alone(run: FiniteElementRun, end: float, law: FreeSurface) -> dict[str, Estimate | None]:
+def _fit_quantities(run: FiniteElementRun, end: float, law: FreeSurface) -> dict[str, Estimate | None]:
     """Fit S to each quantity of a run alone."""
     return {name: _fit_quantity(run, end, law, weights) for name, weights in ALONE.items()}
 
@@ -355,29 +355,31 @@ def predictions(found: Mapping[Mesh, Calibration]) -> Predictions:
     each = [_predict("elastic_plastic", None, PAPER, equation, None, PAPER_ANGLES[-1])]
     for law in LAWS:
         for mesh, calibration in found.items():
-            each += _of_mesh(law, mesh, calibration, shared)
+            each += _predictions_with_mesh(law, mesh, calibration, shared)
     return Predictions(each)
 
 
-def _of_mesh(law: str, mesh: Mesh, calibration: Calibration, shared: Sequence[float]) -> Iterator[Prediction]:
+def _predictions_with_mesh(
+    law: str, mesh: Mesh, calibration: Calibration, shared: Sequence[float]
+) -> Iterator[Prediction]:
     factors = calibration.factors(law)
     readings = {
         CHOSEN: (factors, 2, False),
         LINEAR: (factors, 1, False),
         BY_ERRORS: (factors, 2, True),
         LATER: (calibration.factors(law, later=True), 2, False),
-        TO_45: (_only(factors, (0.0, *PAPER_ANGLES)), 2, False),
+        TO_45: (_at_angles(factors, (0.0, *PAPER_ANGLES)), 2, False),
     }
     if mesh == "coarse":
-        readings[COMMON] = (_only(factors, (0.0, *shared)), 2, False)
+        readings[COMMON] = (_at_angles(factors, (0.0, *shared)), 2, False)
     for reading, (points, order, weighted) in readings.items():
         fit = fit_obliquity(points=_points(points, weighted=weighted), order=order)
         yield _predict(law, mesh, reading, fit.model, fit, max(points))
-    near = np.mean([estimate.strength_factor for estimate in _only(factors, NEAR_ANGLES).values()])
+    near = np.mean([estimate.strength_factor for estimate in _at_angles(factors, NEAR_ANGLES).values()])
     yield _predict(law, mesh, NEAR, ConstantStrengthFactor(value=float(near)), None, NEAR_ANGLES[-1])
 
 
-def _only(factors: Mapping[float, Estimate], angles: Sequence[float]) -> dict[float, Estimate]:
+def _at_angles(factors: Mapping[float, Estimate], angles: Sequence[float]) -> dict[float, Estimate]:
     """Return the strength factors at the given angles. [°]"""
     return {angle: factor for angle, factor in factors.items() if angle in angles}
 

@@ -90,7 +90,7 @@ class ResultCache:
         """Approximate size of the answers in `_pending` [bytes]. Threads add to it without a lock, so that an addition
         may be lost; each flush computes the size anew."""
         self._lock: FolderLock | None = None
-        with self._noting():
+        with self._recording_errors():
             self._lock = FolderLock(folder)
         try:
             self._index = self._open_index()  # Raises FolderLayoutError before a folder of another version is changed.
@@ -204,7 +204,7 @@ class ResultCache:
 
     def writable(self) -> bool:
         """Write and remove a file; return True if this succeeds, so that results can be written."""
-        with self._noting():
+        with self._recording_errors():
             self.check_folder()
             discard(self._segments.stage(PROBE))
             self._note(None)
@@ -226,9 +226,9 @@ class ResultCache:
         """Evict the least recently used segments until the total size is at most `limit`; `keep` is never evicted."""
         # The times of last use decide the order. A full disk may refuse to write them, but must not prevent the
         # eviction that makes room: hence two blocks.
-        with self._noting():
+        with self._recording_errors():
             self._index.flush()
-        with self._noting():
+        with self._recording_errors():
             self.check_folder()
             while self._index.statistics.bytes > limit:
                 excess, names = self._index.statistics.bytes - limit, []
@@ -248,7 +248,7 @@ class ResultCache:
 
     def rebuild(self) -> None:
         """Rebuild the index from the segments. No other thread may use the cache meanwhile."""
-        with self._noting():
+        with self._recording_errors():
             self._index.close()
             discard_database(self._index_path)
             self._index = self._open_index()
@@ -258,10 +258,10 @@ class ResultCache:
         """Write the journal to segments, close the files, and release the folder."""
         self._flusher.shutdown()
         self.flush()
-        with self._noting():
+        with self._recording_errors():
             if self._journal is not None:
                 self._journal.close()
-        with self._noting():
+        with self._recording_errors():
             self._index.close()
         self._release()
 
@@ -276,14 +276,14 @@ class ResultCache:
                 self._recent[record.key] = record.compact(exact=True)
 
     def _open_index(self) -> Index:
-        with self._noting():
+        with self._recording_errors():
             make_private_folder(self._index_path.parent)
             return Index(self._index_path)
         return Index(None)  # If the disk fails, `_reconcile` fills an index in memory from the segments.
 
     def _open_journal(self) -> Journal | None:
         """Open the journal, and load the results that a killed process has left in it."""
-        with self._noting():
+        with self._recording_errors():
             journal = Journal(self._index_path.with_name("journal.sqlite"))
             left, damaged = journal.take_over()
             if damaged:
@@ -319,13 +319,13 @@ class ResultCache:
                 del self._pending[key]
             for key, error in rejected.items():
                 log.error("cache folder %s: result %s cannot be stored and is removed: %s", self._folder, key, error)
-            with self._noting():
+            with self._recording_errors():
                 if self._journal is not None:
                     self._journal.remove(done)  # If this fails, the next start removes them: see `_open_journal`.
         self._count_pending()
 
     def _add_to_journal(self, journal: Journal, record: Record) -> bool:
-        with self._noting():
+        with self._recording_errors():
             self.check_folder()
             journal.add(record)
             self._pending[record.key] = record
@@ -336,7 +336,7 @@ class ResultCache:
 
     def _reconcile(self) -> None:
         """Make the index match the files. A crash may have come between a change of the files and of the index."""
-        with self._noting():
+        with self._recording_errors():
             indexed, there = self._index.names(), self._segments.names()
             self._index.drop(indexed - there)
             new = there - indexed
@@ -347,7 +347,7 @@ class ResultCache:
 
     def _store(self, keys: Sequence[str], content: bytes) -> bool:
         name = digest_of(content)
-        with self._noting():
+        with self._recording_errors():
             self.check_folder()
             staged = self._segments.stage(content)
             with self._changing:
@@ -377,18 +377,18 @@ class ResultCache:
                 self._evicting.release()
 
     def _find(self, keys: Sequence[str]) -> dict[str, Location]:
-        with self._noting():
+        with self._recording_errors():
             # A key may come from a URL, where it can be any text.
             return self._index.find([key for key in keys if KEY.fullmatch(key)])
         return {}
 
     def _use(self, names: Iterable[str]) -> None:
-        with self._noting():
+        with self._recording_errors():
             self._index.use(names)
 
     def _read(self, name: str, rows: Mapping[str, int]) -> dict[str, Record]:
         """Return the results in the given rows of a segment."""
-        with self._missing(name):
+        with self._as_cache_miss(name):
             records = self._segments.decoded(name).records(rows.values())
             if [record.key for record in records] != list(rows):
                 self._index.drop([name])  # The rows in the index are wrong; `_adopt` adds them again from the file.
@@ -397,23 +397,23 @@ class ResultCache:
         return {}
 
     def _check(self, name: str) -> bool:
-        with self._missing(name):
+        with self._as_cache_miss(name):
             self._segments.check(name)
             return True
         return False
 
     def _adopt(self, name: str) -> bool:
         """Add a segment to the index if it is not damaged."""
-        with self._missing(name):
+        with self._as_cache_miss(name):
             content, used = self._segments.read(name), self._segments.path(name).stat().st_mtime
             self._index.add(name, DecodedSegment(content).keys, len(content), used)
             return True
         return False
 
     @contextmanager
-    def _missing(self, name: str) -> Iterator[None]:
+    def _as_cache_miss(self, name: str) -> Iterator[None]:
         """Treat a missing or damaged segment as a cache miss, and remove it from the index."""
-        with self._noting():
+        with self._recording_errors():
             try:
                 yield
             except FileNotFoundError:
@@ -428,7 +428,7 @@ class ResultCache:
                     self._index.drop([name])
 
     @contextmanager
-    def _noting(self) -> Iterator[None]:
+    def _recording_errors(self) -> Iterator[None]:
         """Record a disk error or a replaced folder instead of raising an exception, and continue after the block."""
         try:
             yield

@@ -69,17 +69,17 @@ class Parser(argparse.ArgumentParser):
             if not word.startswith("-"):
                 self.error(f"{word}: is one argument too many")
             name, _, _ = word.partition("=")
-            self.error(f"{name}: unknown flag{self._meant(name)}")
+            self.error(f"{name}: unknown flag{self._suggestion(name)}")
         return found, rest
 
     def error(self, message: str) -> NoReturn:
         """Raise a `UsageError` with the reworded message."""
         for pattern, worded in WORDING:
             if found := re.fullmatch(pattern, message):
-                raise UsageError(worded(found) + _close(found.groupdict()), self.prog)
+                raise UsageError(worded(found) + _closest_choice(found.groupdict()), self.prog)
         raise UsageError(message, self.prog)
 
-    def _meant(self, name: str) -> str:
+    def _suggestion(self, name: str) -> str:
         """Return a suggestion for a misspelt flag, preferably the flag of the quantity that it names."""
         known = {flag for line in FLAG_COLUMN.findall(self.format_help()) for flag in FLAG.findall(line)}
         quantity = name.lstrip("-").replace("-", "_")
@@ -101,7 +101,7 @@ def _words(known: str) -> list[str]:
     return [word.strip("'") for word in known.split(", ")]
 
 
-def _close(found: dict[str, str | Any]) -> str:
+def _closest_choice(found: dict[str, str | Any]) -> str:
     known = _words(found["known"]) if "known" in found else []
     close = difflib.get_close_matches(found.get("word", ""), known, 1)
     return f"; did you mean {close[0]}?" if close else ""

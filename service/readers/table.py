@@ -243,7 +243,7 @@ def read_table(path: str | Path, content: bytes | None = None, *, gaps: bool = F
                 for name, unit in zip(header, units, strict=False)
             ]
         elif any(row):
-            rows.append(_of_length(path, line, row, len(header), gaps=gaps))
+            rows.append(_fitted_row(path, line, row, len(header), gaps=gaps))
             starts.append(line)
         elif not gaps:
             raise FileError(path, "the line is empty", line)
@@ -270,7 +270,7 @@ def _with_numbers(lines: list[str]) -> list[str]:
     return list(map(quoted, lines))
 
 
-def _of_length(path: str | Path, line: int, row: Sequence[str], count: int, *, gaps: bool) -> list[str]:
+def _fitted_row(path: str | Path, line: int, row: Sequence[str], count: int, *, gaps: bool) -> list[str]:
     """Return a row with exactly as many cells as the header.
 
     Surplus empty cells at its end are dropped. If `gaps` is true, missing cells at its end are filled in as empty.

@@ -183,7 +183,7 @@ class Cluster:
     async def start(self) -> None:
         """Connect if the scheduler is running, and wait for the versions of the present workers."""
         use_our_log()
-        await self._look()
+        await self._update_workers()
         if self._seen:
             await asyncio.wait(self._seen.values())
         if not self.capacity:
@@ -208,11 +208,11 @@ class Cluster:
         while True:
             await asyncio.sleep(LOOK_SECONDS)
             try:
-                await self._look()
+                await self._update_workers()
             except Exception:
                 log.exception("checking the Dask cluster failed")
 
-    async def _look(self) -> None:
+    async def _update_workers(self) -> None:
         """Reconnect if necessary, and update the list of workers."""
         if self.client is None or self.client.status != "running":
             await self._hang_up()
