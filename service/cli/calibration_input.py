@@ -78,7 +78,7 @@ def add_motion_flags(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Fit the strength factor to the motion of the centre of gravity since first contact: depth displacement, "
         "lateral displacement and rotation (positive as the nose turns toward the face), or some of them. "
-        f"Every decay law is fitted. {CSV_FILES} {DYNA_FILES}"
+        f"S is fitted with every decay law. {CSV_FILES} {DYNA_FILES}"
     )
     parser.epilog = examples(
         "ricochet calibrate motion history.csv --case strike.toml --oblique-angle 30 --until greatest-depth",

@@ -45,7 +45,7 @@ ACTIONS = (
     ("list", "list the jobs, the newest first", "ricochet jobs list"),
     ("show", "print the state of a job", "ricochet jobs show ID --json"),
     ("results", "print the results of a job in order, until it ends", "ricochet jobs results ID -o results.csv"),
-    ("cancel", "cancel a job; its finished results stay", "ricochet jobs cancel ID"),
+    ("cancel", "cancel a job; its finished results are kept", "ricochet jobs cancel ID"),
     ("delete", "cancel and delete a job", "ricochet jobs delete ID"),
 )
 

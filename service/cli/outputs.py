@@ -213,7 +213,7 @@ def add_formats(
     parser: argparse.ArgumentParser, *, json: str, csv: str, endings: Mapping[str, str] = ONE_ANSWER
 ) -> Any:
     """Add `--output`, `--json`, `--csv` and `--digits`; return the group of the formats, which exclude each other."""
-    described = f"write to a file, in the format of its name: {', '.join(endings)}; else a flag selects the format"
+    described = f"write to a file, in the format of its extension ({', '.join(endings)}) or of a flag"
     add_output_file(parser, "-o", "--output", endings=endings, help=described)
     formats = parser.add_mutually_exclusive_group()
     formats.add_argument("--json", action="store_true", help=json)

@@ -180,7 +180,8 @@ def add_mcp(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `ricochet mcp`."""
     parser.description = (
         "Offer critical angles, trajectories, uncertainty and wall thicknesses as tools of the Model Context Protocol, "
-        "over standard input and output, until the input ends. Computed here or by a service. Needs the extra mcp."
+        "over standard input and output, until the input ends. Results are computed here or by a service. Needs the "
+        "extra mcp."
     )
     parser.epilog = examples("ricochet mcp", "ricochet mcp --url http://127.0.0.1:8000")
     add_data_dir(parser)

@@ -60,7 +60,9 @@ def add_cra(parser: argparse.ArgumentParser) -> None:
     )
     add_case(parser, STRIKE)
     add_formats(parser, json="print the answer as the service sends it", csv="print the trial angles")
-    add_verbose(parser, "print the trial angles and the numbers too, and the warnings in full with the standing notes")
+    add_verbose(
+        parser, "also print the trial angles and further numbers, and the warnings in full with the standing notes"
+    )
     add_plot(parser, "the trial angles and the critical angle")
     add_alternatives(parser)
     add_url(parser)

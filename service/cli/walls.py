@@ -39,9 +39,9 @@ BRACKETS = {"least_thickness_m": "bracket_m", "limit_speed_m_s": "bracket_m_s"}
 def add_thickness(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `ricochet thickness`."""
     parser.description = (
-        "Judge how thick a wall must be: design values against perforation and scabbing by the empirical formulas, "
-        "which use the component of the velocity along the normal, and the least thickness that a strike does not "
-        "perforate by the model. If the file has a thickness, it is judged. Everything in the file but projectile, "
+        "Find how thick a wall must be: design values against perforation and scabbing by the empirical formulas, "
+        "which use the component of the velocity along the normal, and by the model the least thickness that the "
+        "strike does not perforate. A thickness in the file is judged as well. Everything in the file but projectile, "
         "target, impact, resistance and numerics is ignored."
     )
     parser.epilog = examples(
@@ -49,7 +49,7 @@ def add_thickness(parser: argparse.ArgumentParser) -> None:
     )
     add_case(parser, STRIKE_FLAGS)
     add_formats(parser, json="print the answer as the service sends it", csv="print the thicknesses tried")
-    add_verbose(parser, "print the thicknesses tried and the numbers of the search too, and the warnings in full")
+    add_verbose(parser, "also print the thicknesses tried and the numbers of the search, and the warnings in full")
     add_url(parser)
     parser.set_defaults(run=run_thickness)
 
@@ -63,7 +63,7 @@ def add_limit_speed(parser: argparse.ArgumentParser) -> None:
     parser.epilog = examples("ricochet limit-speed strike.toml --thickness 0.2 --angle 20")
     add_case(parser, WALL_FLAGS)
     add_formats(parser, json="print the answer as the service sends it", csv="print the speeds tried")
-    add_verbose(parser, "print the speeds tried and the numbers of the search too, and the warnings in full")
+    add_verbose(parser, "also print the speeds tried and the numbers of the search, and the warnings in full")
     add_url(parser)
     parser.set_defaults(run=run_limit_speed)
 
