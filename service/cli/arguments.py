@@ -310,7 +310,7 @@ OBLIQUE_ANGLE = Flag(
 )
 ATTACK = (
     Flag("--angle-of-attack", ("impact", "angle_of_attack_deg"), "axis angle minus velocity angle [°] (default: 0)"),
-    Flag("--angular-velocity", ("impact", "angular_velocity_rad_s"), "rotation of the axis [rad/s] (default: 0)"),
+    Flag("--angular-velocity", ("impact", "angular_velocity_rad_s"), "rotation rate of the axis [rad/s] (default: 0)"),
 )
 IMPACT = (VELOCITY, OBLIQUE_ANGLE, *ATTACK)
 STRIKE = (*IMPACT, *BODY, *RESISTANCE)

@@ -54,9 +54,9 @@ PRINT_SECONDS = 120.0
 def add_report(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `ricochet report`."""
     parser.description = (
-        "Write a report of one strike on two pages of A4: its critical angle with the usual scatter and under other "
+        "Write a report of one strike on two A4 pages: its critical angle with the usual scatter and under other "
         "models, runs just below and just above it, limits of validity, and the empirical formulas. With --angle the "
-        "strike at that angle is judged too. It computes about 550 cases. A PDF is printed by an installed Chromium, "
+        "strike at that angle is judged too. About 550 cases are computed. A PDF is printed by an installed Chromium, "
         "Chrome or Edge."
     )
     parser.epilog = examples(
@@ -115,7 +115,7 @@ def make_report(case: dict[str, Any]) -> str:
 
     Notes
     -----
-    It computes some 550 cases. A progress bar is shown on standard error if that is a terminal.
+    Some 550 cases are computed. A progress bar is shown on standard error if that is a terminal.
 
     Examples
     --------
