@@ -59,8 +59,8 @@ PLATE: Final = Target(compressive_strength=265e6, density=2710.0, youngs_modulus
 PLATE_LIMITS: Final[Mapping[float, float]] = {0.0: 514.0, 15.0: 535.0, 30.0: 597.0, 45.0: 723.0}
 """Measured ballistic limits by angle from the normal. [°, m/s]"""
 HANSSON_SHOT: Final = Projectile(nose=Ogive(caliber_radius_head=2.0), diameter=0.075, length=0.225, mass=6.28)
-"""Projectile of Hansson. The source does not state the nose: with a calibre-radius-head of 2 a solid steel body of this
-size has this mass."""
+"""Projectile of Hansson. The source does not state the nose. A calibre-radius-head of 2 is assumed, with which a solid
+steel body of this size has this mass."""
 HANSSON_TARGET: Final = Target(compressive_strength=33.8e6, density=2300.0)
 HANSSON_VELOCITY, HANSSON_DEPTH = 485.0, 0.6575
 """Measured velocity and depth of Hansson's shot. [m/s, m]"""
@@ -79,7 +79,7 @@ def plate_limit(law: FreeSurface, value: float, degrees: float) -> float:
 
 @cache
 def plate_misses() -> dict[str, tuple[float, ...]]:
-    """Return the relative error of limit speeds at oblique angles, by law, with S fitted in normal impact. [1]"""
+    """Return the relative error of limit speeds at oblique angles, by decay law, with S fitted in normal impact. [1]"""
     oblique = [angle for angle in PLATE_LIMITS if angle > 0.0]
     found = {}
     for name, law in LAWS.items():

@@ -223,7 +223,7 @@ def _energy(run: FiniteElementRun, row: int) -> float:
 
 
 def modelled_outcome(run: FiniteElementRun, *, strength_factor: float, free_surface: FreeSurface) -> Outcome:
-    """Return the outcome of the strike of a run by the model."""
+    """Return the outcome that the model predicts for the strike of a run."""
     law = ConstantStrengthFactor(value=strength_factor)
     return simulate(
         projectile=PAPER_PROJECTILE,

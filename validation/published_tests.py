@@ -124,7 +124,7 @@ LARGE_DIAMETER = 0.0762
 
 
 def limits_section(assessment: Assessment) -> Section:
-    """Return the section on what the model does not predict, and what the tests do not show."""
+    """Return the section on the limits of the model, and on questions that the tests leave open."""
     known = assessment.agreement(TRAJECTORY, LEFT_OUT)
     constant = assessment.agreement(TRAJECTORY, CONSTANT, of_diameter(LARGE_DIAMETER))
     spread = [assessment.agreement(TRAJECTORY, CONSTANT, of_group(group)).mean_ratio for group in assessment.groups]

@@ -137,7 +137,7 @@ def write_report(folder: Path, *, title: str, introduction: Sequence[str], secti
     Parameters
     ----------
     folder
-        Folder of the report; it is made if it is missing.
+        Folder of the report, created if it is missing.
     title, introduction
         Title and first paragraphs of the page.
     sections
@@ -341,7 +341,7 @@ def _natural_places(value: float) -> int:
 
 
 def _printed(text: str) -> str:
-    """Replace exponents such as e-05 by powers of ten, and hyphens by minus signs."""
+    """Replace exponents such as e-05 with powers of ten, and hyphens with minus signs."""
     mantissa, _, power = text.partition("e")
     raised = f"{NARROW}×{NARROW}10{str(int(power)).translate(SUPERSCRIPTS)}" if power else ""
     return mantissa.replace("-", "\N{MINUS SIGN}") + raised

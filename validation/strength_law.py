@@ -203,7 +203,7 @@ class SeriesScatter:
     within: float
     """Scale within a series. [ln]"""
     degrees_of_freedom: float = FREEDOM
-    """Degrees of freedom of the distribution. [1]"""
+    """Degrees of freedom of Student's distributions. [1]"""
 
     def log_density(self, series: Sequence[FloatArray]) -> FloatArray:
         """Return the logarithm of the joint density of the residuals of each series."""
@@ -273,7 +273,7 @@ def in_series(values: FloatArray, names: Sequence[object]) -> list[FloatArray]:
 def unseen_series(
     shots: Sequence[DepthShot], values: FloatArray, names: Sequence[str], *, by_article: bool
 ) -> list[UnseenSeries]:
-    """Fit without each series, or without each article, and predict the series left out."""
+    """Fit the law without each series, or each article, in turn, and return the residuals of the series left out."""
     matrix, series = design(shots, names), [shot.series for shot in shots]
     folds = [shot.article for shot in shots] if by_article else series
     found = []

@@ -85,7 +85,7 @@ def _thickness_table() -> ReportTable:
 
 
 def slab(strength: float) -> Target:
-    """Return the slab of Hanchak et al. with one of its strengths. [Pa]"""
+    """Return the slab of Hanchak et al. for one of the tested concrete strengths. [Pa]"""
     return Target(compressive_strength=strength, density=2400.0, thickness=SLAB)
 
 

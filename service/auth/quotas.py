@@ -17,8 +17,8 @@ from service.errors import QuotaError, QuotaTooSmallError
 WINDOW = 3600
 """Length of the sliding window over which cost is counted, an hour because quotas are in cases per hour. [s]"""
 STEP = 60
-"""Length of the time steps in which cases are counted [s]. The cases of one step leave the window together, so that a
-key has at most 61 counts."""
+"""Length of the time steps in which cases are counted [s]. The cases of one step leave the window together, so a key
+has at most 61 counts."""
 SAVE_SECONDS = 10
 """Interval between writes of the counts to disk, chosen by judgement [s]. A crash loses the counts of one interval."""
 

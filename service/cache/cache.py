@@ -87,8 +87,8 @@ class ResultCache:
         self._pending: dict[str, Record] = {}
         """Results in the journal that are in no segment yet."""
         self._pending_bytes = 0
-        """Approximate size of the answers in `_pending` [bytes]. Threads add to it without a lock, so that an addition
-        may be lost; each flush computes the size anew."""
+        """Approximate size of the answers in `_pending` [bytes]. Threads add to it without a lock, so an addition may
+        be lost. Each flush computes the size anew."""
         self._lock: FolderLock | None = None
         with self._recording_errors():
             self._lock = FolderLock(folder)
@@ -247,7 +247,7 @@ class ResultCache:
         return [name for name in sorted(self._segments.names()) if not self._adopt(name)]
 
     def rebuild(self) -> None:
-        """Rebuild the index from the segments. No other thread may use the cache meanwhile."""
+        """Rebuild the index from the segments. No other thread may use the cache at the same time."""
         with self._recording_errors():
             self._index.close()
             discard_database(self._index_path)
@@ -419,7 +419,7 @@ class ResultCache:
             except FileNotFoundError:
                 self.check_folder()
                 with self._changing:
-                    if not self._segments.path(name).exists():  # Another thread may have written it again meanwhile.
+                    if not self._segments.path(name).exists():  # Another thread may have written it again.
                         self._index.drop([name])
             except DamagedFileError as error:
                 self.check_folder()

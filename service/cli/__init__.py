@@ -108,7 +108,7 @@ def print_help(args: argparse.Namespace) -> int:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the `ricochet` command with some arguments, by default those of the process; return its exit status."""
+    """Run the `ricochet` command with the given arguments, by default `sys.argv`; return its exit status."""
     arguments = sys.argv[1:] if arguments is None else arguments
     prepare_streams()
     # The garbage collection at exit would take a quarter of a second to free memory that the system frees anyway.

@@ -299,7 +299,7 @@ def _write_csv(output: OutputFile, tables: Iterable[Mapping[str, Any]]) -> None:
         columns = {name: values for name, values in table.items() if isinstance(values, list)}
         for row in zip(*columns.values(), strict=True):
             numbers = {**table, **dict(zip(columns, row, strict=True))}
-            # Nine digits are far more than the accuracy of a fit, and few enough to read.
+            # Nine digits are far beyond the accuracy of any fit, but few enough to read.
             writer.writerow({name: f"{value:.9g}" for name, value in numbers.items()})
     output.write(text.getvalue().encode())
 

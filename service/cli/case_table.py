@@ -110,7 +110,7 @@ class Row(NamedTuple):
     case
         Request; empty if there is an error.
     error
-        Reason why there is no request.
+        Reason why there is no request; empty if there is one.
     """
 
     line: int
@@ -134,7 +134,7 @@ class CaseTable:
     def described(self, row: Row, pointer: str, detail: str) -> str:
         """Return an error message that begins with the place of the cell; empty if no cell sets the field."""
         name, _, of_model = detail.removeprefix("`").partition("` ")
-        if of_model:  # The error of an unknown model points to the part; the wrong cell is that of its name.
+        if of_model:  # The error of an unknown model points to the part, but the cell with the model's name is wrong.
             pointer, detail = f"{pointer}/{name}", of_model
         for column, cell in zip(self.columns, row.cells, strict=True):
             if column.steps and column.pointer == pointer:

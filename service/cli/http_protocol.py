@@ -1,7 +1,7 @@
 """HTTP/1.1 by uvicorn and httptools, with two changes: upgrades are ignored, and the size of heads is limited.
 
 Uvicorn's other parser, h11, ignores upgrades too, but its regular expression takes 13 s for a head of 64 kB with a
-header of blanks that ends in a NUL (65 ms for 4 kB), and blocks the event loop meanwhile.
+header of blanks that ends in a NUL (65 ms for 4 kB), and blocks the event loop all that time.
 """
 
 from typing import Any

@@ -144,7 +144,7 @@ def socket_folder() -> str:
 def local_server(data_dir: Path | None) -> Iterator[Client]:
     """Run a private service in this process, with its own workers, cache and jobs, and open a client for it.
 
-    Batches and sweeps are thus computed by the same code locally and by a service.
+    The same code thus computes batches and sweeps locally and in a service.
 
     Parameters
     ----------

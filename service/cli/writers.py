@@ -383,7 +383,7 @@ def _print_ruled(columns: Sequence[str], cells: Sequence[Sequence[str]], right: 
 
 
 def _with_minus(text: str, stream: TextIO) -> str:
-    """Replace the hyphen of a number by a minus sign if the encoding of the stream has one."""
+    """Replace the hyphen of a number with a minus sign if the encoding of the stream has one."""
     if not NUMERAL.fullmatch(text):
         return text
     try:

@@ -105,7 +105,7 @@ class Database:
         self._opened: os.stat_result | None = None
         self._checked = False
         self._written = True
-        """True if the log may contain transactions. At the start it may contain those of an earlier process."""
+        """True if the log may contain transactions. At the start it may contain transactions of an earlier process."""
         self._opening = threading.Lock()
         self._locks = {"write": threading.Lock(), "read": threading.Lock()}
         self._connections: dict[str, sqlite3.Connection] = {}

@@ -58,7 +58,7 @@ class ActiveJob:
     work: "asyncio.Task[None] | None" = None
     """Task of the work; None before it has begun."""
     changed: asyncio.Event = field(default_factory=asyncio.Event)
-    """Event that the next change of the state sets, and replaces by a new event."""
+    """Event set at the next change of the state, and then replaced with a new one."""
 
     @property
     def left(self) -> int:
@@ -160,7 +160,7 @@ class Scheduler:
         """Estimate the number of cases that will be computed before a job ends, including its own.
 
         Jobs of the same owner with fewer cases are computed first. As owners share the workers equally, each other
-        owner has as many cases computed meanwhile, or all of its cases if it has fewer.
+        owner has as many cases computed in that time, or all of its cases if it has fewer.
         """
         own = self.active.get(state.id)
         if own is None:
@@ -188,7 +188,7 @@ class Scheduler:
             await asyncio.wait([job.work])
 
     async def end(self, job: ActiveJob, status: Status, problem: dict[str, Any] | None = None) -> JobState | None:
-        """Cancel the work of a job, which takes up to a second, and end it. Return None if it was deleted meanwhile."""
+        """Cancel the work of a job, which takes up to a second, and end it. Return None if it has been deleted."""
         await self.halt(job)
         try:
             state = await run_sync(self._jobs.end, job.state.number, status, problem)
@@ -197,7 +197,7 @@ class Scheduler:
             job.update(job.state)
             return None
         except StorageError:
-            # The disk is full or gone. Clients are told that the job has ended; the final state is written later.
+            # The disk is full or missing. Clients are told that the job has ended; the final state is written later.
             now, revision = datetime.now(UTC), job.state.revision + 1
             state = replace(job.state, status=status, finished=now, problem=problem, revision=revision)
             self.unwritten[state.id] = state

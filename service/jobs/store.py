@@ -49,8 +49,8 @@ VERSIONS = f"{ENGINE_VERSION} {SCHEMA_VERSION}"
 OWNER_BYTES = 2**30
 """Default limit on the disk space for the jobs of one owner [bytes]. It holds some ten million cases."""
 JOB_BYTES = 10_000
-"""Size charged for a job in addition to its cases [bytes]. It is more than a job takes, so that an owner has at most
-some 100,000 jobs."""
+"""Size charged for a job in addition to its cases [bytes]. It is more than a job takes, so an owner has at most some
+100,000 jobs."""
 CASE_BYTES, PROBLEM_BYTES = 100, 300
 """Approximate sizes of a stored case, used for jobs whose size was not recorded, and of a stored problem [bytes]."""
 TAKEN = f"coalesce(bytes, {JOB_BYTES} + {CASE_BYTES} * total) + {PROBLEM_BYTES} * failed"
@@ -335,7 +335,7 @@ class JobStore:
         return found
 
     def renew_keys(self, job: int) -> None:
-        """Replace the keys of a job that was accepted by an earlier version with those of the current versions."""
+        """Replace the keys of a job that an earlier version accepted with keys of the current versions."""
         operation = self._jobs("number = ?", job)[0].operation
         with self._database.reading() as database:
             numbers = database.execute("SELECT slice FROM slices WHERE job = ?", (job,)).fetchall()

@@ -147,8 +147,8 @@ NUMBER = re.compile(
     r"[+-]?\d{1,40}\.\d{,40}(?:[EeDd][+-]?\d{1,9}|[+-]\d{3})?|[+-]?(?:nan|inf(?:inity)?)", re.IGNORECASE
 )
 MAX_LINE = 10_000
-"""Longest line of numbers that is parsed [characters]. Lines of LS-DYNA have some 200; the limit bounds the time for a
-crafted line (the number is a rough choice)."""
+"""Longest line of numbers that is parsed [characters]. Lines in LS-DYNA files have some 200; the limit bounds the time
+for a crafted line (the number is a rough choice)."""
 ASTERISKS, COLUMN_WIDTH = re.compile(r"\*+"), 12
 """Fortran fills the column of a number that does not fit with asterisks; a column of LS-DYNA is 12 characters wide."""
 BARE_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d{3})$")
@@ -306,8 +306,8 @@ BODIES = {"rbdout": "rigid body", "nodout": "node"}
 CHANGE_FOLDER, DATA, VARIABLE, TABLE, TABLE_END, FIRST_TABLE = 2, 3, 4, 5, 6, 7
 HEADER_BYTES = 8
 MAX_PATH = 1000
-"""Longest path of a variable [characters]. Paths of LS-DYNA have some 50; a damaged file could nest folders without
-end, and each variable keeps its whole path."""
+"""Longest path of a variable [characters]. Paths in LS-DYNA files have some 50; a damaged file could nest folders
+without end, and each variable keeps its whole path."""
 TYPES: Mapping[int, str] = {
     1: "i1", 2: "i2", 3: "i4", 4: "i8", 5: "u1", 6: "u2", 7: "u4", 8: "u8", 9: "f4", 10: "f8"
 }  # fmt: skip

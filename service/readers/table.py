@@ -333,7 +333,7 @@ def _has_numbers_only(line: str) -> bool:
 
 
 def _with_tabs(lines: list[str]) -> list[str]:
-    """Replace the blanks between cells by tabs, except before a unit in brackets."""
+    """Replace the blanks between cells with tabs, except before a unit in brackets."""
     return [line if line.startswith(COMMENTS) else BLANKS.sub("\t", line.strip()) for line in lines]
 
 

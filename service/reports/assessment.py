@@ -170,7 +170,7 @@ def _headline(verdict: Verdict) -> Markup:
 
 
 def _first_sentence(text: str) -> str:
-    """Return the first sentence of a text, which ends at a full stop before a capital letter."""
+    """Return the first sentence of a paragraph, which ends at a full stop before a capital letter."""
     return re.split(r"(?<=\.) (?=[A-Z])", text, maxsplit=1)[0]
 
 

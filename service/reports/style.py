@@ -146,10 +146,7 @@ def silhouette(projectile: Projectile) -> FloatArray:
 
 
 def draw_path(axes: Axes, projectile: Projectile, path: TipPath, instants: Sequence[float] | FloatArray) -> None:
-    """Draw the body at the given instants, and the path of its tip.
-
-    Depth is on the vertical axis; a legend gets labels.
-    """
+    """Draw the body at the given instants, and the path of its tip, with labels for a legend."""
     body = silhouette(projectile)
     colors = mpl.colormaps["viridis"](np.linspace(0.75, 0.0, len(instants)))
     for row, color in zip(np.searchsorted(path.time, instants), colors, strict=True):

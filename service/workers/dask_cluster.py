@@ -162,7 +162,7 @@ class Cluster:
         self.threads: dict[str, int] = {}
         """Numbers of threads of the usable workers, by address."""
         self.changed = asyncio.Event()
-        """Event that is set, and replaced by a new event, when a worker becomes usable or unusable."""
+        """Event that is set, and replaced with a new one, when a worker becomes usable or unusable."""
         self.lost = time.monotonic()
         """Time at which the last usable worker was lost, at first the time of the start, on the monotonic clock. [s]"""
         self._task_seconds = task_seconds

@@ -38,7 +38,7 @@ end; chosen by judgement [s]."""
 CHUNKS_A_THREAD = 2
 """Number of chunks assigned to each thread of a worker, so that the next one has arrived when one is finished."""
 DELIVERY_SECONDS = 30.0
-"""Time allowed for transferring a chunk, in addition to the timeouts of its calls and those of the chunk before it;
+"""Time allowed for transferring a chunk, in addition to the timeouts of all calls in it and in the chunk before it;
 chosen by judgement [s]."""
 TEND_SECONDS = 1.0
 """Longest interval between checks of whether the pool should take chunks, well below `PATIENCE_SECONDS`. [s]"""
@@ -269,7 +269,7 @@ def replies_of(result: "asyncio.Future[list[CallResult]]", calls: int) -> list[C
 
 async def give_up(task: "Future[Any]") -> None:
     """Cancel a chunk on the scheduler, and wait up to `CANCEL_SECONDS` for the acknowledgement."""
-    with suppress(Exception):  # The scheduler may be gone, and the chunk with it.
+    with suppress(Exception):  # The scheduler may be down, and the chunk lost with it.
         await in_time(task.cancel, CANCEL_SECONDS)
 
 

@@ -240,7 +240,7 @@ class WorkQueue:
         return work in self._probes if work.kind is Kind.PROBE else work in self._lines.get(work.owner, ())
 
     def _remove(self, work: Work) -> None:
-        """Remove work from the queue if it is there."""
+        """Remove work if it is in the queue."""
         if not self._waits(work):
             return
         if work.kind is Kind.PROBE:
