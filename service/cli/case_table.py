@@ -134,7 +134,7 @@ class CaseTable:
     def described(self, row: Row, pointer: str, detail: str) -> str:
         """Return an error message that begins with the place of the cell; empty if no cell sets the field."""
         name, _, of_model = detail.removeprefix("`").partition("` ")
-        if of_model:  # The error of an unknown model points to the part, but the cell with the model's name is wrong.
+        if of_model:  # The error of an unknown model points to the part; the cell at fault has the model's name.
             pointer, detail = f"{pointer}/{name}", of_model
         for column, cell in zip(self.columns, row.cells, strict=True):
             if column.steps and column.pointer == pointer:
