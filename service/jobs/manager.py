@@ -96,9 +96,9 @@ class JobManager:
         # together.
         self._received: Counter[str] = Counter()
         """Numbers of cases received so far for jobs whose bodies are being read, by owner."""
-        self._going_on = False
+        self._resumed = False
         """True once the unfinished jobs in the store have been loaded."""
-        self._beginning = asyncio.Lock()
+        self._resuming = asyncio.Lock()
         self._stopping = False
         self._tasks: list[asyncio.Task[None]] = []
 
@@ -134,7 +134,7 @@ class JobManager:
     async def start(self) -> None:
         """Continue unfinished jobs. If the store cannot be read, the service runs without jobs and retries."""
         try:
-            await self._go_on()
+            await self._resume()
         except StorageError as error:
             log.warning("%s", error)
         self._tasks = [asyncio.create_task(work) for work in (self._expire(), self._checkpoint(), self._clocks.run())]
@@ -148,7 +148,7 @@ class JobManager:
             If the file of jobs or the data folder has been removed or replaced, or the jobs cannot be read.
         """
         await run_sync(self._jobs.check)
-        await self._go_on()
+        await self._resume()
 
     async def stop(self) -> None:
         """Cancel running work, which the next start continues."""
@@ -428,7 +428,7 @@ class JobManager:
         estimate: Callable[[], int],
     ) -> JobState:
         self._admit(queue, count)
-        await self._go_on()
+        await self._resume()
         # The job runs after this request has ended, and its spans refer to the span of the request.
         traceparent = current_traceparent()
         job = await run_sync(lambda: self._jobs.create(operation, owner, sweep, traceparent=traceparent))
@@ -483,34 +483,34 @@ class JobManager:
     async def _state(self, name: str) -> JobState | None:
         return self._present(name) or await run_sync(self._jobs.job, name)
 
-    async def _go_on(self) -> None:
+    async def _resume(self) -> None:
         """Load the unfinished jobs of an earlier process, and remove those that it did not accept completely.
 
         This is done once, before any new job is stored, since it would also remove jobs that are being received.
         """
-        async with self._beginning:
-            if self._going_on:
+        async with self._resuming:
+            if self._resumed:
                 return
             removed = await run_sync(partial(self._jobs.expire, at_start=True))
             for state in await run_sync(self._jobs.unfinished):
                 rows = await run_sync(self._jobs.rows, state, 0, 1)
                 self._scheduler.add(state, rows[0].request if rows else None)
-            self._going_on = True
+            self._resumed = True
             if self._jobs.was_missing and self._queries.cache.found_results:
                 self.warning = (
                     "jobs.sqlite was missing or empty at the start, though there are results: earlier jobs are lost"
                 )
                 log.warning("%s; restore it from a backup before new jobs are made", self.warning)
             if removed or self._scheduler.active:
-                log.info("jobs: %d to go on with, %d removed", len(self._scheduler.active), removed)
+                log.info("jobs: %d to resume, %d removed", len(self._scheduler.active), removed)
 
     async def _expire(self) -> None:
         while True:
             # Until the jobs have been loaded, this task also retries loading them, and runs more often.
-            await asyncio.sleep(EXPIRY_SECONDS if self._going_on else REOPEN_SECONDS)
+            await asyncio.sleep(EXPIRY_SECONDS if self._resumed else REOPEN_SECONDS)
             await self._scheduler.write_ends()
             with suppress(StorageError):
-                await self._go_on()
+                await self._resume()
                 await run_sync(self._jobs.expire)
 
     async def _checkpoint(self) -> None:
