@@ -37,17 +37,17 @@ def seeded(base: dict[str, Any], seed: int) -> dict[str, Any]:
 
 
 def about(field: str, kind: str, **parameters: float) -> dict[str, Any]:
-    """Return an uncertain input."""
+    """Return an uncertain input with this kind of distribution."""
     return {"field": field, "distribution": {"type": kind, **parameters}}
 
 
 @pytest.fixture
 def other(tmp_path: Path) -> TestClient:
-    """A client of a service that has computed nothing yet."""
+    """Client of a service that has computed nothing yet."""
     return TestClient(create_app(Settings(data_dir=tmp_path / "data", executor="in-process", workers=1)))
 
 
-def test_cell_of_a_sweep_is_the_study_of_its_case(client: httpx.Client, other: TestClient) -> None:
+def test_cell_of_a_sweep_equals_the_study_of_its_case(client: httpx.Client, other: TestClient) -> None:
     items = items_of(client.post(f"{STRIKES}/sweep", json={"base": BASE, "axes": [SPEEDS, ANGLES]}))
     check_results("trajectory_uncertainty", items)
     points = [(230.0, 48.0), (230.0, 50.0), (250.0, 48.0), (250.0, 50.0)]
@@ -60,7 +60,9 @@ def test_cell_of_a_sweep_is_the_study_of_its_case(client: httpx.Client, other: T
         assert other.post(STRIKES, json=at(*points[2])).json() == items[2]["result"]
 
 
-def test_cell_of_a_sweep_of_critical_angles_is_the_study_of_its_case(client: httpx.Client, other: TestClient) -> None:
+def test_cell_of_a_sweep_of_critical_angles_equals_the_study_of_its_case(
+    client: httpx.Client, other: TestClient
+) -> None:
     base = PAPER | {"uncertain": [SPEED], "sensitivity": False, "sampling": SAMPLING, "search": {"tolerance_deg": 0.5}}
     [item] = items_of(
         client.post("/cra/uncertainty/sweep", json={"base": base, "axes": [SPEEDS | {"values": [230.0]}]})
@@ -105,7 +107,7 @@ def test_cases_of_a_batch_are_studies_with_their_names(client: httpx.Client) -> 
     assert bad["problem"]["errors"][0]["pointer"] == "/uncertain/1/field"
 
 
-def test_batch_of_one_study_is_a_job_with_its_name_or_its_problem(client: httpx.Client) -> None:
+def test_batch_of_one_study_becomes_a_job_with_its_id_or_problem(client: httpx.Client) -> None:
     good = seeded(at(231.0, 48.0), 36) | {"custom_id": "alone"}
     for case, outcome in ((good, "result"), (good | {"uncertain": [SPEED, SPEED]}, "problem")):
         response = client.post(f"{STRIKES}/batch", content=lines([case]), headers=LINES | ASYNC)
@@ -116,11 +118,11 @@ def test_batch_of_one_study_is_a_job_with_its_name_or_its_problem(client: httpx.
         assert outcome in item
 
 
-def test_sweep_of_more_samples_than_are_answered_at_once_is_a_job(client: httpx.Client) -> None:
+def test_sweep_with_too_many_samples_for_an_immediate_answer_becomes_a_job(client: httpx.Client) -> None:
     axis = {"field": "impact.velocity_m_s", "start": 230.0, "stop": 240.0, "count": 65}
     response = client.post(f"{STRIKES}/sweep", json={"base": seeded(BASE, 32), "axes": [axis]})
     assert response.status_code == 202
-    assert response.json()["queue"]["remaining_s"] > 10  # 65 ordinary cases would take a second
+    assert response.json()["queue"]["remaining_s"] > 10  # Computing 65 ordinary cases would take a second.
     client.post(response.json()["links"]["cancel"])
 
 
@@ -140,7 +142,7 @@ def test_cells_of_a_cancelled_sweep_are_not_computed_again(client: httpx.Client)
     assert [item["result"] for item in found[: len(kept)]] == [item["result"] for item in kept]
 
 
-def test_sweep_goes_on_after_a_restart(tmp_path: Path) -> None:
+def test_sweep_of_studies_resumes_after_a_restart(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path, executor="in-process", workers=1)
     body = {"base": seeded(BASE, 34), "axes": [SPEEDS | {"values": [230.0, 240.0, 250.0]}]}
     with TestClient(create_app(settings)) as session:
@@ -154,7 +156,7 @@ def test_sweep_goes_on_after_a_restart(tmp_path: Path) -> None:
         assert len(session.get(job["links"]["results"]).json()["results"]) == 3
 
 
-def test_value_of_an_axis_that_is_refused_refuses_the_sweep(client: httpx.Client) -> None:
+def test_sweep_with_an_invalid_axis_value_is_refused(client: httpx.Client) -> None:
     before = client.get("/jobs").json()
     body = {"base": BASE, "axes": [SPEEDS | {"values": [230.0, -5.0]}]}
     refused_at(client.post(f"{STRIKES}/sweep", json=body, headers=ASYNC), "/axes/0/values/1")
@@ -164,7 +166,7 @@ def test_value_of_an_axis_that_is_refused_refuses_the_sweep(client: httpx.Client
     assert client.get("/jobs").json() == before
 
 
-def test_distribution_that_does_not_suit_a_point_is_the_problem_of_that_point(client: httpx.Client) -> None:
+def test_distribution_invalid_at_a_point_is_a_problem_of_that_point(client: httpx.Client) -> None:
     cut = about("impact.velocity_m_s", "truncated_normal", standard_deviation=5.0, lower=240.0)
     response = client.post(f"{STRIKES}/sweep", json={"base": BASE | {"uncertain": [cut]}, "axes": [SPEEDS]})
     [slow, fast] = items_of(response)
@@ -189,7 +191,7 @@ DENSITY = "target.density_kg_m3"
     ],
     ids=lambda each: each["type"] if isinstance(each, dict) else each,
 )
-def test_centre_that_is_omitted_is_the_value_of_the_case(
+def test_omitted_centre_is_the_value_of_the_case(
     client: httpx.Client, centre: str, distribution: dict[str, Any]
 ) -> None:
     omitted, written = (
@@ -217,7 +219,7 @@ SMALL = {"type": "normal", "coefficient_of_variation": 0.01}
         ("target.youngs_modulus_pa", SMALL, concrete_youngs_modulus(compressive_strength=39e6)),
     ],
 )
-def test_field_that_the_case_leaves_open_has_its_default_as_the_centre(
+def test_centre_of_an_omitted_field_is_its_default(
     client: httpx.Client, field: str, distribution: dict[str, Any], value: float
 ) -> None:
     name = "median" if distribution["type"] == "lognormal" else "mean"
