@@ -1,31 +1,13 @@
 // Results of the cells of a map, and texts that describe them.
 
 import { csvOf } from "./plots.js";
-import { unitOf } from "./units.js";
 import { lengthShown, outcomeShown, statusShown, warningShown } from "./words.js";
 
-/** What a map shows by colours, of its cells that have it: `column` in CSV, in SI units. Outcomes have none. */
+/** What a map shows by colours, of its cells that have it: `column` in CSV, `si` the unit in which SI shows it. Outcomes have none. */
 export const QUANTITIES = {
-  cra: { label: "Critical angle [°]", name: "an angle", column: "critical_angle_deg", of: ({ angle }) => angle, factor: 1 },
-  thickness: {
-    get label() {
-      return `Least thickness [${unitOf("mm").unit}]`;
-    },
-    name: "a thickness",
-    column: "least_thickness_m",
-    of: ({ thickness }) => thickness,
-    get factor() {
-      return 1 / unitOf("mm").factor;
-    },
-  },
-  probability: {
-    label: "Probability of ricochet",
-    name: "a probability",
-    column: "ricochet_probability",
-    of: ({ probability }) => probability,
-    factor: 1,
-    range: [0, 1],
-  },
+  cra: { label: "Critical angle", si: "°", name: "an angle", column: "critical_angle_deg", of: ({ angle }) => angle },
+  thickness: { label: "Least thickness", si: "mm", name: "a thickness", column: "least_thickness_m", of: ({ thickness }) => thickness },
+  probability: { label: "Probability of ricochet", si: "", name: "a probability", column: "ricochet_probability", of: ({ probability }) => probability, range: [0, 1] },
 };
 
 /** Ending, on a map, of an embedded run whose nose stands out of the rear face of a wall. */

@@ -2,7 +2,7 @@
 
 import { announce, element } from "./elements.js";
 import { slug } from "./exports.js";
-import { fieldAt, shownValue } from "./fields.js";
+import { fieldAt, labelWithUnit, shownValue } from "./fields.js";
 import { progressWords } from "./job-progress.js";
 import { buildCellChoice } from "./map-cell.js";
 import { cellsCsv, countWords, QUANTITIES } from "./map-cells.js";
@@ -100,7 +100,8 @@ export class MapPicture {
   /** Draw what is there of the cells, and of a coarse grid where there are none yet; lines over them once no more come. */
   async showCells(cells, rough = [], isLast = true) {
     const { operation } = this.#map;
-    const lines = QUANTITIES[operation]?.label.toLowerCase() ?? `greatest depth [${unitOf("mm").unit}]`;
+    const { label, si } = QUANTITIES[operation] ?? { label: "Greatest depth", si: "mm" };
+    const lines = labelWithUnit({ label: label.toLowerCase(), unit: unitOf(si).unit });
     const scatter = isStudied(this.#map) ? ` ${scatterWords(this.#map.values)}` : "";
     this.counts.textContent = `${countWords(operation, cells)}. Lines: ${lines}.${scatter}`;
     this.cell.hidden = false;

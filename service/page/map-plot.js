@@ -1,6 +1,6 @@
 // The picture of a map: colours for the quantity, contour lines over them, and marks for cells without it.
 
-import { withUnit } from "./fields.js";
+import { labelWithUnit, withUnit } from "./fields.js";
 import { unitOf } from "./units.js";
 import { cellWords, ENDINGS, endingShown, PLAIN, QUANTITIES, rareWarnings } from "./map-cells.js";
 import { warningShown } from "./words.js";
@@ -45,12 +45,7 @@ export function mapTraces(operation, [x, y], cells, rough, room, here, yieldOf, 
 
 /** Return the layout of a map for Plotly. */
 export function mapLayout([x, y]) {
-  const axis = ({ label, unit, shown }) => ({
-    title: { text: unit ? `${label} [${unit}]` : label },
-    range: ends(shown),
-    showgrid: false,
-    zeroline: false,
-  });
+  const axis = (side) => ({ title: { text: labelWithUnit(side) }, range: ends(side.shown), showgrid: false, zeroline: false });
   return {
     xaxis: axis(x),
     yaxis: axis(y),
@@ -67,14 +62,14 @@ function ends(shown) {
   return [low - half, high + half];
 }
 
-function amounts(place, rows, finished, hover, { label, of, factor, range: [zmin, zmax] = [] }) {
-  const has = (cell) => cell && of(cell) !== undefined;
-  const z = rows((cell) => (has(cell) ? factor * of(cell) : null));
-  const bar = { title: { text: label, side: "right" }, thickness: 12 };
+function amounts(place, rows, finished, hover, { label, si, of, range: [zmin, zmax] = [] }) {
+  const { unit, factor } = unitOf(si);
+  const amountOf = (cell) => (cell && of(cell) !== undefined ? of(cell) / factor : null);
+  const bar = { title: { text: labelWithUnit({ label, unit }), side: "right" }, thickness: 12 };
   return [
-    { ...place, type: "heatmap", z: rows((cell) => (cell && !has(cell) ? 0 : null)), colorscale: scale([NO_ANGLE, NO_ANGLE]), showscale: false, hoverinfo: "skip" },
-    { ...place, type: "heatmap", z, zmin, zmax, colorscale: scale(COLOURS), colorbar: bar, ...hover },
-    contours(place, finished((cell) => (has(cell) ? factor * of(cell) : null))),
+    { ...place, type: "heatmap", z: rows((cell) => (cell && amountOf(cell) === null ? 0 : null)), colorscale: scale([NO_ANGLE, NO_ANGLE]), showscale: false, hoverinfo: "skip" },
+    { ...place, type: "heatmap", z: rows(amountOf), zmin, zmax, colorscale: scale(COLOURS), colorbar: bar, ...hover },
+    contours(place, finished(amountOf)),
   ];
 }
 
