@@ -5,7 +5,7 @@ import { downloadButtons, shortId } from "./downloads.js";
 import { element } from "./elements.js";
 import { baseCase } from "./job-case.js";
 import { isFinal, progressWords } from "./job-progress.js";
-import { isMap } from "./sweep.js";
+import { mapNameOf } from "./sweep.js";
 
 /** Names of the columns; in a narrow window a row becomes a card, where each cell shows the name of its column. */
 export const COLUMNS = ["Job", "Computation", "Status", "Cases", "Created", "Finished", "Kept until", "Results", "Actions"];
@@ -33,7 +33,7 @@ export class JobRow {
     progress.append(element("div", {}, this.bar, this.counts));
     created.append(time(job.created));
     results.append(...downloadButtons(job.id, () => titleOf(this.job), onError));
-    if (isMap(job)) {
+    if (mapNameOf(job)) {
       actions.append(element("a", { href: `#/map?job=${job.id}`, "aria-label": `Open job ${id} as a map` }, "Map"));
     }
     actions.append(this.cancel, act("Rename", onRename), act("Delete", onDelete));

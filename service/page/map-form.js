@@ -3,7 +3,7 @@
 import { element } from "./elements.js";
 import { outside } from "./field-value.js";
 import { boundsOf, fieldAt, labelWithUnit, numericFields, shownNumber, withUnit } from "./fields.js";
-import { around, isOn, isVariable, mostValues, OPERATIONS, usualAxes } from "./sweep.js";
+import { around, isOn, isVariable, OPERATIONS, usualAxes } from "./sweep.js";
 
 const SIDES = { x: "Horizontal axis", y: "Vertical axis" };
 
@@ -50,9 +50,7 @@ export function buildMapForm(root, map, onChange) {
 }
 
 function operationField(chosen, onChoice) {
-  const options = Object.entries(OPERATIONS).map(([value, { label }]) =>
-    element("option", { value, selected: value === chosen }, label),
-  );
+  const options = Object.entries(OPERATIONS).map(([value, { label }]) => element("option", { value, selected: value === chosen }, label));
   const select = element("select", { id: "map-operation", onchange: () => onChoice(select.value) }, ...options);
   return element("div.field.whole", {}, element("label", { for: select.id }, "Show"), select);
 }
@@ -152,6 +150,7 @@ function problemOf({ field, start, stop, count }, other, map) {
   }
   if (start > stop) return { text: "From has to be below To.", parts: [0, 1] };
   if (start === stop && count > 1) return { text: "The ends are the same.", parts: [0, 1] };
-  const isCount = Number.isInteger(count) && count >= 1 && count <= mostValues(map);
-  return isCount ? undefined : { text: `Takes 1 to ${mostValues(map)} values.`, parts: [2] };
+  const { most = 100 } = OPERATIONS[map.operation];
+  const isCount = Number.isInteger(count) && count >= 1 && count <= most;
+  return isCount ? undefined : { text: `Takes 1 to ${most} values.`, parts: [2] };
 }

@@ -10,15 +10,17 @@ import { mapLayout, mapTraces } from "./map-plot.js";
 import { endWords } from "./map-run.js";
 import { draw, purge } from "./plots.js";
 import { markFresh, markPending, markSettled, markStale, markUntilRun } from "./stale.js";
-import { QUICK, inputField, usualInputs } from "./scatter.js";
-import { caseAt, hasAngle, isStudied, numbers, OPERATIONS } from "./sweep.js";
+import { inputField } from "./scatter.js";
+import { caseAt, hasAngle, isOfAngle, numbers, OPERATIONS } from "./sweep.js";
 import { valueAt } from "./case.js";
+import { nodeAt } from "./contract.js";
 import { unitOf } from "./units.js";
 
 /** The panels of a map. */
 export class MapPicture {
   #map;
   #axes;
+  #content; // what is drawn, as showCells takes it
   #isDrawn = false; // whether cells of the map are shown
   #isSame = true; // whether the inputs in the form are those of the map
 
@@ -51,6 +53,7 @@ export class MapPicture {
     this.#map = map;
     this.#axes = [map.x, map.y].map(shownAxis);
     this.here = undefined;
+    this.#content = {};
     this.panel.hidden = false;
     this.bar.removeAttribute("value");
     this.heading.textContent = titleOf(map, this.#axes);
@@ -98,11 +101,13 @@ export class MapPicture {
   }
 
   /** Draw what is there of the cells, and of a coarse grid where there are none yet; lines over them once no more come. */
-  async showCells(cells, rough = [], isLast = true) {
+  async showCells(content) {
+    Object.assign(this.#content, content);
+    const { cells, rough = [], isLast } = this.#content;
     const { operation } = this.#map;
     const { label, si } = QUANTITIES[operation] ?? { label: "Greatest depth", si: "mm" };
     const lines = labelWithUnit({ label: label.toLowerCase(), unit: unitOf(si).unit });
-    const scatter = isStudied(this.#map) ? ` ${scatterWords(this.#map.values)}` : "";
+    const scatter = this.#map.study ? ` ${scatterWords(this.#map.study)}` : "";
     this.counts.textContent = `${countWords(operation, cells)}. Lines: ${lines}.${scatter}`;
     this.cell.hidden = false;
     this.choice.show(this.#map, this.#axes, cells);
@@ -199,17 +204,16 @@ function shownAxis(axis) {
   return { field: axis.field, label, unit, values, shown: values.map((value) => Number((value / factor).toPrecision(6))) };
 }
 
-function scatterWords(values) {
-  const names = usualInputs(values).map(({ field }) => inputField(field).label.toLowerCase());
-  return `${QUICK.max_samples} strikes a case, with the usual scatter of ${names.join(", ")}.`;
+function scatterWords({ uncertain, sampling }) {
+  const names = uncertain.map(({ field }) => inputField(field).label.toLowerCase());
+  const most = sampling?.max_samples ?? nodeAt("sampling.max_samples", {}).default;
+  return `${most} strikes a case, with the scatter of ${names.join(", ")}.`;
 }
 
-function titleOf({ operation, values, ...map }, axes) {
-  const isVaried = [map.x, map.y].some(({ field }) => field === "impact.oblique_angle_deg");
-  const name = nameOf(operation, axes);
-  const at = hasAngle({ operation }) && !isVaried ? `, at ${valueAt(values, "impact.oblique_angle_deg")}°` : "";
+function titleOf({ operation, values }, axes) {
+  const at = hasAngle({ operation }) && !axes.some(isOfAngle) ? `, at ${valueAt(values, "impact.oblique_angle_deg")}°` : "";
   const isOfWall = operation === "thickness" || (operation === "trajectory" && values.target.thickness_m !== undefined);
-  return `${name}${at}${isOfWall ? ", by this model: not a design value" : ""}`;
+  return `${nameOf(operation, axes)}${at}${isOfWall ? ", by this model: not a design value" : ""}`;
 }
 
 function nameOf(operation, [x, y]) {

@@ -3,6 +3,10 @@
 import { valueAt } from "./case.js";
 import { nodeAt, usualScatter } from "./contract.js";
 import { fieldAt, fieldOf, numericFields } from "./fields.js";
+import { untilAnswered } from "./lost.js";
+import { reportRequest } from "./report.js";
+import { clipped } from "./run.js";
+import { request } from "./service.js";
 
 const RESIDUAL = fieldOf("number", "resistance.strength_residual");
 /** Settings of the quickest study, with the fewest samples that the service accepts. */
@@ -93,6 +97,13 @@ export function takeUsual(inputs) {
   usual = Object.fromEntries(inputs.map(({ field, distribution: { mean, median, mode, ...spread } }) => [field, spread]));
 }
 
+/** Return the usual scatter of a case, around the values that each case of a sweep has. */
+export async function usualAround(values, signal) {
+  const judge = () => request("verdict", { body: reportRequest(clipped(values)), signal });
+  takeUsual((await untilAnswered(judge, signal)).data.usual_scatter);
+  return usualInputs(values).map(uncertainInput);
+}
+
 function inputOf({ type, values, weights, ...given }) {
   return { type, given: values ? Object.fromEntries(values.map((value, i) => [value, weights[i]])) : given };
 }
@@ -115,15 +126,13 @@ export function centreOf(field, values) {
   return field === RESIDUAL.path ? 1 : (valueAt(values, field) ?? nodeAt(field, values)?.default);
 }
 
-/** Return an input as `/cra/uncertainty` takes it. */
-export function uncertainInput({ field, type, given }, values) {
+/** Return an input as `/cra/uncertainty` takes it, for which a centre that is left open is the value of the case. */
+export function uncertainInput({ field, type, given }) {
   if (type === "discrete") {
     const names = parametersOf({ field, type }).map(({ name }) => name).filter((name) => given[name] !== undefined);
     return { field, distribution: { type, values: names, weights: names.map((name) => given[name]) } };
   }
-  const centre = DISTRIBUTIONS[type].parameters.find((each) => each.centre);
-  const around = centre && { [centre.name]: centreOf(field, values) };
-  return { field, distribution: { type, ...around, ...given } };
+  return { field, distribution: { type, ...given } };
 }
 
 /** Return the inputs of a query, without those that cannot be read; undefined if there are none. */

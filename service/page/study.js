@@ -20,7 +20,7 @@ export async function* computeStudy({ values, inputs, sampling, key }, signal) {
   const { minimum, default: usual } = nodeAt("sampling.max_samples", {});
   const few = 2 * minimum; // the minimum leaves no samples for changing each input alone
   const most = sampling.max_samples ?? usual;
-  const uncertain = inputs.map((input) => uncertainInput(input, values));
+  const uncertain = inputs.map(uncertainInput);
   if (key) {
     const { data } = await request(`results/${key}`, { signal });
     yield data;

@@ -5,17 +5,18 @@ import { angleRequest, trajectoryRequest, valueAt, withValue } from "./case.js";
 import { paperCase } from "./contract.js";
 import { boundsOf, fieldAt } from "./fields.js";
 
-/** What a map may show, and how its cases are requested. */
+/**
+ * What a map may show, and how its cases are requested: the `path` of the sweep and its `base`; `most` values of an axis, 100 unless
+ * less, as more are more than a picture can show; `isSlow` if not even a few cases are answered at once.
+ */
 export const OPERATIONS = {
-  cra: { label: "Critical angle", path: "cra/sweep" },
-  trajectory: { label: "Outcome (phase diagram)", path: "trajectory/sweep" },
-  thickness: { label: "Least thickness at an angle", path: "thickness/sweep" },
-  probability: { label: "Probability of ricochet at an angle" }, // a study for each case: map-run.js
+  cra: { label: "Critical angle", path: "cra/sweep", base: angleRequest },
+  trajectory: { label: "Outcome (phase diagram)", path: "trajectory/sweep", base: trajectoryRequest },
+  thickness: { label: "Least thickness at an angle", path: "thickness/sweep", base: ({ search, ...values }) => withValue(values, THICKNESS), isSlow: true },
+  probability: { label: "Probability of ricochet at an angle", path: "trajectory/uncertainty/sweep", base: trajectoryRequest, most: 12, isSlow: true },
 };
-const MOST_VALUES = { probability: 12 }; // of an axis; a study is 256 strikes
 
 const AT_ONCE = 100; // cases that the service answers without a job
-const COARSE = 8; // rows and columns of what is seen of a large map first
 const THICKNESS = "target.thickness_m";
 const ANGLE = "impact.oblique_angle_deg";
 const MOST_READ = 1000; // limit on the values of an axis in an address: far more than a map accepts, and few enough for memory
@@ -66,21 +67,21 @@ export function isSame(one, other) {
   return bare(one) === bare(other);
 }
 
-/** Return whether the results of a job may be shown as a map: those of a sweep over two fields. */
-export function isMap({ operation, axes }) {
-  return axes?.length === 2 && operation in OPERATIONS;
+/** Return the map that may show the results of a job, by its name in OPERATIONS; undefined unless it is a sweep over two fields. */
+export function mapNameOf({ operation, axes }) {
+  const path = `${operation.replace("_", "/")}/sweep`;
+  return axes?.length === 2 ? Object.keys(OPERATIONS).find((name) => OPERATIONS[name].path === path) : undefined;
 }
 
 /** Return the map that a job computes; undefined if a map does not show it. */
-export function mapOfJob({ id, operation, axes, request }) {
-  if (!request || !isMap({ operation, axes })) return undefined;
-  const { output, ...parts } = request.base;
+export function mapOfJob({ id, request, ...job }) {
+  const operation = mapNameOf(job);
+  if (!request || !operation) return undefined;
+  const { output, uncertain, sampling, ...parts } = request.base;
   const values = { ...paperCase() };
-  for (const [part, content] of Object.entries(parts)) values[part] = { ...values[part], ...content };
-  const [y, x] = request.axes.map(({ values: list, ...axis }) =>
-    list ? { ...axis, start: list[0], stop: list.at(-1), count: list.length, list } : axis,
-  );
-  return { values, operation, x, y, job: id };
+  for (const [part, content] of Object.entries(parts)) values[part] = typeof content === "object" ? { ...values[part], ...content } : content;
+  const [y, x] = request.axes.map(({ values: list, ...axis }) => (list ? { ...axis, start: list[0], stop: list.at(-1), count: list.length, list } : axis));
+  return { values, operation, x, y, job: id, study: uncertain && { uncertain, sampling } };
 }
 
 /** Return the query that describes a map. */
@@ -91,50 +92,28 @@ export function mapQuery({ values, operation, x, y, job }) {
   return query;
 }
 
-/** Return the path of the sweep, and its body: row by row, from left to right. */
-export function sweepRequest({ values, operation, x, y }) {
-  return { path: OPERATIONS[operation].path, body: { base: BASES[operation](values), axes: [y, x] } };
+/** Return the path of the sweep, and its body: row by row, from left to right; `study` is what a map of probabilities samples. */
+export function sweepRequest({ values, operation, x, y, study }) {
+  const { path, base } = OPERATIONS[operation];
+  return { path, body: { base: { ...base(values), ...study }, axes: [y, x] } };
 }
 
-const BASES = {
-  cra: (values) => angleRequest(values),
-  trajectory: (values) => trajectoryRequest(values),
-  thickness: ({ search, ...values }) => withValue(values, THICKNESS),
-};
-
-/**
- * Return a map of so few cases that they are answered at once; undefined if they never are.
- *
- * @returns {{path: string, body: object, places: {x: number[], y: number[]}, isWhole: boolean}|undefined} `places` are the columns
- *   and rows of the map that are computed, from both ends evenly; `isWhole` if they are all
- */
-export function quickSweep(map) {
-  if (map.operation === "thickness" || isStudied(map)) return undefined; // a case counts as 20 and more
-  const isWhole = map.x.count * map.y.count <= AT_ONCE;
-  const [x, y] = [map.x, map.y].map(({ count }) => evenly(count, isWhole ? count : COARSE));
-  const axis = (side, places) => ({ field: side.field, values: places.map((place) => numbers(side)[place]) });
-  return { ...sweepRequest({ ...map, x: axis(map.x, x), y: axis(map.y, y) }), places: { x, y }, isWhole };
+/** Return whether a map has so few cases that they are answered at once. */
+export function isSmall({ operation, x, y }) {
+  return !OPERATIONS[operation].isSlow && x.count * y.count <= AT_ONCE;
 }
 
-function evenly(count, most) {
+/** Return places from both ends evenly, at most so many. */
+export function evenly(count, most) {
   if (count <= most) return Array.from({ length: count }, (_, i) => i);
   return Array.from({ length: most }, (_, i) => Math.round((i * (count - 1)) / (most - 1)));
 }
 
-/** Return the most values that an axis of a map may have: more than a hundred are more than a picture can show. */
-export function mostValues({ operation }) {
-  return MOST_VALUES[operation] ?? 100;
-}
-
-/** Return whether a map is computed in the page, a study for each case, instead of as a job. */
-export function isStudied({ operation }) {
-  return operation === "probability";
-}
+/** Return whether an axis is the oblique angle. */
+export const isOfAngle = ({ field }) => field === ANGLE;
 
 /** Return whether the cases of a map have an oblique angle. */
-export function hasAngle({ operation }) {
-  return operation !== "cra";
-}
+export const hasAngle = ({ operation }) => operation !== "cra";
 
 /** Return whether a field can be on an axis of a map: a search for the critical angle has no oblique angle to vary. */
 export function isVariable(map, field) {

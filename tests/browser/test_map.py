@@ -205,7 +205,7 @@ def test_lost_preview_and_coarse_grid_are_requested_again(page: Page, faults: li
 def test_map_of_probabilities_has_the_numbers_of_the_service(page: Page, client: httpx.Client, tmp_path: Path) -> None:
     run_map(page, "operation=probability&x=impact.oblique_angle_deg,30,70,3&y=impact.velocity_m_s,238,300,2", 6)
     expect(page.locator("#map-counts")).to_contain_text("6 with a probability")
-    expect(page.locator("#map-counts")).to_contain_text("with the usual scatter of speed, compressive strength")
+    expect(page.locator("#map-counts")).to_contain_text("with the scatter of speed, compressive strength, density")
     drawn = heat(page, 1)
     scatter = client.post("/verdict", json=PAPER_AT_45).json()["usual_scatter"]
     sampling = {"max_samples": 256, "method": "direct", "half_width": 0.5}
@@ -225,7 +225,27 @@ def test_map_of_probabilities_has_the_numbers_of_the_service(page: Page, client:
     assert all(re.fullmatch("[0-9a-f]{64}", row["key"]) for row in rows)
 
 
-def test_map_of_probabilities_is_limited_and_can_be_cancelled(page: Page) -> None:
+def test_map_of_probabilities_is_reopened_from_its_address_or_from_the_jobs(new_page: NewPage) -> None:
+    page = new_page()
+    query = "operation=probability&x=impact.velocity_m_s,238,300,2&y=target.compressive_strength_pa,39e6,48e6,2"
+    run_map(page, f"{query}&projectile.mass_kg=14", 4)
+    job = job_of(page)
+    words, drawn = page.locator("#map-counts").inner_text(), heat(page, 1)
+    other = new_page()
+    other.goto(page.url)
+    all_computed(other, 4)
+    expect(other.locator("#map-counts")).to_have_text(words)
+    assert heat(other, 1) == drawn
+    other.get_by_text("The other fields").click()
+    expect(other.get_by_role("textbox", name="Mass", exact=True)).to_have_value("14")
+    other.goto("/#/jobs")
+    other.get_by_role("link", name=f"Open job {job[:8]} as a map").click()
+    all_computed(other, 4)
+    assert job_of(other) == job
+    assert heat(other, 1) == drawn
+
+
+def test_map_of_probabilities_is_limited_and_can_be_cancelled(page: Page, client: httpx.Client) -> None:
     page.goto("/#/map?operation=probability&x=impact.velocity_m_s,150,450,13&y=projectile.mass_kg,11,17,12")
     expect(page.get_by_text("Takes 1 to 12 values.")).to_be_visible()
     expect(page.get_by_role("button", name="Run")).to_be_disabled()
@@ -235,6 +255,7 @@ def test_map_of_probabilities_is_limited_and_can_be_cancelled(page: Page) -> Non
     page.get_by_role("button", name="Cancel").click()
     expect(page.locator("#map-progress")).to_have_text(re.compile(r"^Cancelled after \d+ of 144 cases\.$"))
     words = page.locator("#map-progress").inner_text()
+    assert client.get(f"/jobs/{job_of(page)}").json()["status"] == "dismissed"
     page.wait_for_timeout(1_000)
     assert page.locator("#map-progress").inner_text() == words
     expect(page.get_by_role("button", name="Cancel")).to_be_disabled()

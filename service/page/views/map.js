@@ -7,9 +7,10 @@ import { submit } from "../job-progress.js";
 import { lostNote } from "../lost.js";
 import { buildMapForm } from "../map-form.js";
 import { MapPicture } from "../map-picture.js";
-import { followMap, followStudies, quickMap } from "../map-run.js";
+import { followMap, quickMap } from "../map-run.js";
+import { QUICK, usualAround } from "../scatter.js";
 import { isAbort, request } from "../service.js";
-import { isSame, isStudied, mapOfJob, mapQuery, quickSweep, readMap, sweepRequest } from "../sweep.js";
+import { isSame, isSmall, mapOfJob, mapQuery, readMap, sweepRequest } from "../sweep.js";
 import { Verdict } from "../verdict.js";
 
 /** Show the map of a query or, if the query names a job, the map of the job with its results. */
@@ -29,7 +30,6 @@ class MapView {
   #work = new AbortController(); // of the running map, aborted when another map is run
   #form; // the map in the form; undefined while a field is not accepted
   #shown; // the map of the picture, with its job
-  #progress; // of a map that is no job
 
   constructor(root, map) {
     this.runButton = element("button.main", { type: "submit" }, "Run");
@@ -41,17 +41,17 @@ class MapView {
     const buttons = element("p.buttons", {}, this.runButton, " ", this.cancelButton);
     const onsubmit = (event) => {
       event.preventDefault();
-      this.#run();
+      if (this.#form) this.#run({ ...this.#form, job: "", study: undefined });
     };
     const form = element("form.panel", { novalidate: true, "aria-label": "What to map", onsubmit }, axes, this.size, buttons);
     this.verdict = new Verdict({ onError: (error) => this.form.fail(error), isLine: true });
     const results = element("div.column", {}, this.verdict.root, this.problem, lostNote());
     this.picture = new MapPicture(results, (places) => this.#drag(places));
-    root.append(
-      element("h1", {}, "Map"),
-      element("div.sides", {}, element("div.column", {}, form, element("div.panel", {}, details)), results),
-    );
-    if (map.job) this.#follow(map);
+    root.append(element("h1", {}, "Map"), element("div.sides", {}, element("div.column", {}, form, element("div.panel", {}, details)), results));
+    if (map.job) {
+      this.#begin(map);
+      this.#follow(map);
+    }
     this.axes = buildMapForm(axes, map, (changed) => this.#change(changed));
     this.form = new CaseForm(others, {
       case: map.values,
@@ -61,7 +61,7 @@ class MapView {
       panels: [this.verdict],
     });
     this.verdict.setCase(map.values);
-    if (!map.job && this.#form && quickSweep(this.#form)?.isWhole) this.#preview(this.#form);
+    if (!map.job && this.#form && isSmall(this.#form)) this.#run(this.#form, false);
   }
 
   leave() {
@@ -87,79 +87,42 @@ class MapView {
     this.#form = map;
     this.runButton.disabled = !map;
     this.size.textContent = map ? `${(map.x.count * map.y.count).toLocaleString("en")} cases` : "";
-    if (map) replaceAddress("map", mapQuery({ ...map, job: this.#jobOf(map) }));
-    if (this.#shown) this.picture.compare(map && isSame(map, this.#shown), Boolean(map));
+    const isShown = Boolean(map && this.#shown && isSame(map, this.#shown));
+    if (map) replaceAddress("map", mapQuery({ ...map, job: isShown ? this.#shown.job : "" }));
+    if (this.#shown) this.picture.compare(isShown, Boolean(map));
   }
 
-  /** Return the job of a map if it is the one that is shown. */
-  #jobOf(map) {
-    return this.#shown && isSame(map, this.#shown) ? this.#shown.job : "";
-  }
-
-  /** Show a small map, or a coarse grid of a large one, without a job. */
-  async #preview(map) {
+  /** Compute a map by a job, with which all of it or a coarse grid is answered at once; the small one that the view opens with, without. */
+  async #run(map, hasJob = true) {
     this.#begin(map);
     const { signal } = this.#work;
     try {
-      const quick = await quickMap(map, signal);
-      if (!quick || signal.aborted) return;
-      await this.picture.showCells(quick.cells);
-      if (signal.aborted) return; // run meanwhile
-      const total = map.x.count * map.y.count;
-      this.picture.showEnd({ status: "successful", counts: { total, done: total } });
-    } catch (error) {
-      this.#fail(error);
-    }
-  }
-
-  async #run() {
-    const map = this.#form;
-    if (!map) return;
-    this.#begin(map);
-    try {
-      const { signal } = this.#work;
-      if (isStudied(map)) {
-        await this.#study(map, signal);
-        return;
-      }
-      const { path, body } = sweepRequest(map);
-      const quick = await quickMap(map, signal).catch(() => undefined); // the job says what is wrong
+      if (map.operation === "probability") map.study = { uncertain: await usualAround(map.values, signal), sampling: QUICK };
+      const whenRefused = (error) => (hasJob ? undefined : Promise.reject(error)); // else the job says what is wrong
+      const quick = await quickMap(map, signal).catch(whenRefused);
       signal.throwIfAborted();
-      if (quick) await this.picture.showCells(quick.isWhole ? quick.cells : [], quick.cells);
-      const job = await submit(path, body, signal);
-      await this.#follow({ ...map, job: job.id }, quick);
+      if (quick) await this.picture.showCells({ cells: quick.isWhole ? quick.cells : [], rough: quick.cells });
+      signal.throwIfAborted();
+      if (hasJob) {
+        const { path, body } = sweepRequest(map);
+        map.job = (await submit(path, body, signal)).id;
+        await this.#follow(map, quick);
+      } else if (quick) {
+        this.picture.showEnd({ status: "successful", counts: { total: quick.cells.length, done: quick.cells.length } });
+      }
     } catch (error) {
       this.#fail(error);
-    }
-  }
-
-  /** Compute a map that is no job. */
-  async #study(map, signal) {
-    replaceAddress("map", mapQuery(map));
-    this.cancelButton.disabled = false;
-    const onCells = async (cells, job) => {
-      if (signal.aborted) return;
-      this.#progress = job;
-      this.picture.showProgress(job);
-      await this.picture.showCells(cells);
-    };
-    try {
-      await followStudies(map, onCells, signal);
-      this.picture.showEnd(this.#progress);
-    } finally {
-      if (!signal.aborted) this.cancelButton.disabled = true;
     }
   }
 
   async #follow(map, quick) {
-    this.#begin(map);
     const { signal } = this.#work;
     if (this.#form) replaceAddress("map", mapQuery(map));
     this.cancelButton.disabled = false;
     const listeners = {
       onProgress: (job) => this.picture.showProgress(job),
       onCells: async (cells, isLast) => {
-        if (!signal.aborted) await this.picture.showCells(cells, quick?.cells, isLast);
+        if (!signal.aborted) await this.picture.showCells({ cells, isLast });
       },
     };
     try {
@@ -174,20 +137,14 @@ class MapView {
     this.#work.abort();
     this.#work = new AbortController();
     this.#shown = map;
-    this.#progress = { counts: { total: map.x.count * map.y.count, done: 0 } };
     this.problem.textContent = "";
+    this.cancelButton.disabled = true; // until there is a job
     this.picture.begin(map);
     announce("The map is being computed.");
   }
 
   async #cancel() {
     this.cancelButton.disabled = true;
-    if (isStudied(this.#shown)) {
-      this.#work.abort();
-      this.picture.showEnd({ ...this.#progress, status: "dismissed" });
-      announce("The map is cancelled.");
-      return;
-    }
     try {
       await request(`jobs/${this.#shown.job}/cancel`, { method: "POST" });
     } catch (error) {
