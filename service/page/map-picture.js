@@ -103,7 +103,7 @@ export class MapPicture {
   /** Draw what is there of the cells, and of a coarse grid where there are none yet; lines over them once no more come. */
   async showCells(content) {
     Object.assign(this.#content, content);
-    const { cells, rough = [], isLast } = this.#content;
+    const { cells, rough = [], curve, isLast } = this.#content;
     const { operation } = this.#map;
     const { label, si } = QUANTITIES[operation] ?? { label: "Greatest depth", si: "mm" };
     const lines = labelWithUnit({ label: label.toLowerCase(), unit: unitOf(si).unit });
@@ -123,7 +123,7 @@ export class MapPicture {
     };
     const isNew = !this.plot.querySelector(".drawing");
     this.here ??= this.#placeOf(this.#map.values);
-    const traces = mapTraces(operation, this.#axes, cells, rough, this.#room(), this.here, (index) => this.#yieldOf(index), isLast);
+    const traces = mapTraces(operation, this.#axes, cells, rough, this.#room(), this.here, (index) => this.#yieldOf(index), curve, isLast);
     const map = this.#map;
     const drawn = await draw(this.plot, traces, mapLayout(this.#axes), about);
     this.#isDrawn ||= map === this.#map;

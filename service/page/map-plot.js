@@ -3,6 +3,7 @@
 import { labelWithUnit, withUnit } from "./fields.js";
 import { unitOf } from "./units.js";
 import { cellWords, ENDINGS, endingShown, PLAIN, QUANTITIES, rareWarnings } from "./map-cells.js";
+import { drawCurve } from "./map-curve.js";
 import { warningShown } from "./words.js";
 
 // Viridis without its darkest quarter, so that dark lines and labels can be read on every colour.
@@ -24,9 +25,10 @@ const PAPER = "#e8eaed"; // background of the legend in either theme
  * @param {number} room for the mark of a cell [px]
  * @param {number[]} here values of the case itself on both axes, as shown
  * @param {(index: number) => number} yieldOf the stress above which the surface of the body of a cell yields [Pa]
+ * @param {object} [curve] the critical curve (map-curve.js)
  * @param {boolean} hasLines whether there are contours, which take longer than all else
  */
-export function mapTraces(operation, [x, y], cells, rough, room, here, yieldOf, hasLines = true) {
+export function mapTraces(operation, [x, y], cells, rough, room, here, yieldOf, curve, hasLines = true) {
   const grid = (value) => y.shown.map((up, row) => x.shown.map((across, column) => value(row * x.shown.length + column, across, up)));
   const rows = (value) => grid((index) => value(cells[index] ?? rough[index]));
   const finished = (value) => grid((index) => (hasLines ? value(cells[index]) : null)); // for contours
@@ -38,9 +40,11 @@ export function mapTraces(operation, [x, y], cells, rough, room, here, yieldOf, 
   });
   const hover = { text: words, hovertemplate: "%{text}<extra></extra>", hoverongaps: true };
   const quantity = QUANTITIES[operation];
-  const surface = quantity ? amounts(place, rows, finished, hover, quantity) : outcomes(place, rows, finished, hover);
+  const { endings = [], areas = [], lines = [] } = curve ? drawCurve(curve, [x, y], cells, { ink: INK, ricochet: OUTCOMES.ricochet }) : {};
+  const ended = grid((index) => endings[index] ?? (cells[index] ?? rough[index])?.ending);
+  const surface = quantity ? amounts(place, rows, finished, hover, quantity) : outcomes(place, ended, areas, finished, hover);
   if (!quantity && hasLines) surface.push(...bends(place, grid((index) => (cells[index]?.stress === undefined ? null : cells[index].stress / yieldOf(index)))));
-  return [...surface, ...marks(operation, [x, y], cells, room), ...warned([x, y], cells, room, rare), youAreHere(here)];
+  return [...surface, ...lines, ...marks(operation, [x, y], cells, room), ...warned([x, y], cells, room, rare), youAreHere(here)];
 }
 
 /** Return the layout of a map for Plotly. */
@@ -73,14 +77,15 @@ function amounts(place, rows, finished, hover, { label, si, of, range: [zmin, zm
   ];
 }
 
-function outcomes(place, rows, finished, hover) {
+function outcomes(place, endings, areas, finished, hover) {
   const names = Object.keys(OUTCOMES);
-  const z = rows((cell) => (cell ? names.indexOf(cell.ending) : null));
+  const z = endings.map((row) => row.map((ending) => (ending ? names.indexOf(ending) : null)));
   const steps = names.flatMap((name, i) => [i, i + 1].map((end) => [end / names.length, OUTCOMES[name]]));
   const isDeep = (cell) => cell?.depth !== undefined && cell.ending !== "perforated";
   const depth = finished((cell) => (isDeep(cell) ? cell.depth / unitOf("mm").factor : null));
   return [
     { ...place, type: "heatmap", z, zmin: -0.5, zmax: names.length - 0.5, colorscale: steps, showscale: false, ...hover },
+    ...areas,
     contours(place, depth),
   ];
 }

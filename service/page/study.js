@@ -58,11 +58,16 @@ export function quantileOf({ critical_angle: angle }, level) {
 /** Return the probability of ricochet at an angle [°], and half the width of its interval, which is the sampling error. */
 export function probabilityAt({ probability }, angle) {
   const { oblique_angle_deg: angles, ricochet_probability: values, lower, upper } = probability;
-  const next = angles.findIndex((each) => each >= angle);
-  const after = next < 0 ? angles.length - 1 : Math.max(next, 1);
-  const share = Math.min(Math.max((angle - angles[after - 1]) / (angles[after] - angles[after - 1]), 0), 1);
-  const at = (list) => list[after - 1] + share * (list[after] - list[after - 1]);
+  const at = (list) => between(angles, list, angle);
   return { value: at(values), error: (at(upper) - at(lower)) / 2 };
+}
+
+/** Return the value at a place of the straight lines through values at some places, and that of the nearest beyond them. */
+export function between(places, values, place) {
+  const next = places.findIndex((each) => each >= place);
+  if (next < 1) return values.at(next); // of the first, or of the last
+  const share = (place - places[next - 1]) / (places[next] - places[next - 1]);
+  return values[next - 1] + share * (values[next] - values[next - 1]);
 }
 
 /** Return the median with the 90 % range, as in "49° (45° to 53°)"; empty if there is no angle. */

@@ -16,7 +16,7 @@ export const OPERATIONS = {
   probability: { label: "Probability of ricochet at an angle", path: "trajectory/uncertainty/sweep", base: trajectoryRequest, most: 12, isSlow: true },
 };
 
-const AT_ONCE = 100; // cases that the service answers without a job
+export const AT_ONCE = 100; // cases that the service answers without a job
 const THICKNESS = "target.thickness_m";
 const ANGLE = "impact.oblique_angle_deg";
 const MOST_READ = 1000; // limit on the values of an axis in an address: far more than a map accepts, and few enough for memory

@@ -4,12 +4,13 @@ import io
 import json
 import re
 from pathlib import Path
+from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 import httpx
 import pytest
 from PIL import Image
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 from service.schemas.strike import PAPER, PAPER_AT_45
 
@@ -116,6 +117,150 @@ def test_legend_has_the_colours_of_the_outcomes_and_marks_hide_no_numbers(page: 
     for ending, across in (("embedded", 0.02), ("ricochet", 0.98)):
         colour = picture.getpixel((round(across * picture.width), round(0.9 * picture.height)))
         assert legend[ending] == f"rgb{colour}", legend
+
+
+SPEEDS, ANGLES = "impact.velocity_m_s,138,338,5", "impact.oblique_angle_deg,5,85,9"
+PHASES = f"operation=trajectory&x={SPEEDS}&y={ANGLES}"
+BAND = "90 % range of the usual scatter"
+
+
+def trace(page: Page, name: str) -> dict[str, Any]:
+    """Return the trace of a map with a name in the legend."""
+    found: list[dict[str, Any]] = page.locator(".map .drawing").evaluate(
+        """(plot, name) => plot.data.filter((each) => each.name === name).map(({ x, y, z, visible }) =>
+            ({ x: [...x], y: [...y], z: z && z.map((row) => [...row]), visible }))""",
+        name,
+    )
+    assert len(found) == 1, f"{len(found)} traces {name}"
+    return found[0]
+
+
+def curve(page: Page) -> dict[float, float]:
+    """Return the critical angles of a phase diagram by speed."""
+    drawn = trace(page, "critical angle")
+    return dict(zip(drawn["x"], drawn["y"], strict=True))
+
+
+def critical_angle(client: httpx.Client, speed: float, **target: float) -> float:
+    body = PAPER | {"impact": {"velocity_m_s": speed}, "target": PAPER["target"] | target}
+    angle: float = client.post("/cra", json=body).raise_for_status().json()["critical_angle_deg"]
+    return angle
+
+
+def hold(page: Page, path: str) -> list[Route]:
+    """Withhold requests until they are continued, and return the list to which they are added."""
+    held: list[Route] = []
+    page.route(path, lambda route: held.append(route))  # noqa: PLW0108 (Playwright takes no builtin)
+    return held
+
+
+@pytest.mark.parametrize("is_turned", [False, True], ids=["angle up", "angle across"])
+def test_outcomes_meet_at_the_critical_angle_of_the_verdict(
+    page: Page, client: httpx.Client, *, is_turned: bool
+) -> None:
+    hold(page, "**/cra/uncertainty/sweep")
+    page.goto(f"/#/map?operation=trajectory&x={ANGLES}&y={SPEEDS}" if is_turned else f"/#/map?{PHASES}")
+    all_computed(page, 45)
+    drawn = trace(page, "critical angle")
+    speeds, angles = (drawn["y"], drawn["x"]) if is_turned else (drawn["x"], drawn["y"])
+    found = dict(zip(speeds, angles, strict=True))
+    for speed in (138.0, 188.0, 238.0, 288.0, 338.0):
+        assert found[speed] == critical_angle(client, speed), speed
+    for speed in (163.0, 213.0, 263.0, 313.0):
+        assert found[speed] == pytest.approx(critical_angle(client, speed), abs=0.1 * 10.0), "a tenth of a cell"
+    expect(page.locator(".verdict .line")).to_contain_text(f"critical angle {found[238.0]:.1f}°")
+
+    picture = Image.open(io.BytesIO(page.locator(".map .nsewdrag").screenshot())).convert("RGB")
+    for speed in (163.0, 188.0, 213.0, 263.0, 288.0):
+        along = (speed - 113.0) / 250.0
+        colours = []
+        for angle in (found[speed] - 1.2, found[speed] + 1.2):
+            up = angle / 90.0
+            across, down = (up, 1.0 - along) if is_turned else (along, 1.0 - up)
+            x, y = round(across * picture.width), round(down * picture.height)
+            block = picture.crop((x - 2, y - 2, x + 3, y + 3))
+            colours.append(max(block.getcolors() or [])[1])
+        assert colours == [(0x5B, 0x7F, 0xB5), (0xFD, 0xE7, 0x25)], (speed, "embedded below, ricochet above")
+
+
+def test_cell_beside_the_critical_curve_keeps_its_words_and_its_row(page: Page, tmp_path: Path) -> None:
+    """At 338 m/s the critical angle is above 55°, so the strike there is embedded, in a cell that reaches to 60°."""
+    page.goto(f"/#/map?{PHASES}")
+    all_computed(page, 45)
+    assert 55.0 < curve(page)[338.0] < 59.0
+    box = page.locator(".map .nsewdrag").bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + 0.9 * box["width"], box["y"] + (1.0 - 59.5 / 90.0) * box["height"])
+    expect(page.locator(".map .hovertext")).to_contain_text("338 m/s, 55°embedded")
+    saved(page, page.get_by_role("button", name="Download the data"), tmp_path / "map.csv")
+    rows = data_rows(tmp_path / "map.csv")
+    assert len(rows) == 45
+    outcome = {
+        (float(row["impact.velocity_m_s"]), float(row["impact.oblique_angle_deg"])): row["outcome"] for row in rows
+    }
+    assert (outcome[338.0, 55.0], outcome[338.0, 65.0]) == ("embedded", "ricochet")
+
+
+def test_band_of_the_critical_curve_is_that_of_the_verdict_and_moves_nothing(page: Page, client: httpx.Client) -> None:
+    held = hold(page, "**/cra/uncertainty/sweep")
+    page.goto(f"/#/map?{PHASES}")
+    all_computed(page, 45)
+    area = page.locator(".map .nsewdrag")
+    expect(page.locator(".map .legend")).to_contain_text(BAND)
+    assert trace(page, BAND)["visible"] == "legendonly"
+    before = area.bounding_box()
+    wait_for(page, held)
+    page.route("**/cra/uncertainty/sweep", lambda route: route.continue_())
+    held[0].continue_()
+    page.wait_for_function(
+        "name => document.querySelector('.map .drawing').data.find((each) => each.name === name).visible === true",
+        arg=BAND,
+    )
+    assert area.bounding_box() == before
+    band = trace(page, BAND)
+    column = band["x"].index(238.0)
+    (low_end, high_end), (first, last) = band["y"], [row[column] for row in band["z"]]
+    width = (high_end - low_end) / (last - first)
+    lower = low_end - first * width
+    judged = client.post("/verdict", json=PAPER_AT_45).json()["range"]
+    assert lower == pytest.approx(judged["lower_deg"], abs=1.5), "256 samples"
+    assert lower + width == pytest.approx(judged["upper_deg"], abs=1.5), "256 samples"
+
+
+def test_band_of_previous_inputs_is_not_drawn(page: Page, client: httpx.Client) -> None:
+    held = hold(page, "**/cra/uncertainty/sweep")
+    page.goto(f"/#/map?{PHASES}")
+    all_computed(page, 45)
+    wait_for(page, held)
+    page.get_by_text("The other fields").click()
+    page.get_by_role("textbox", name="Compressive strength", exact=True).fill("60")
+    expect(page.locator(".map[aria-busy=true]")).to_have_count(1)
+    assert curve(page)[238.0] == critical_angle(client, 238.0)
+    page.get_by_role("button", name="Run").click()
+    expect(page.locator(".map[aria-busy=true]")).to_have_count(0)
+    all_computed(page, 45)
+    assert curve(page)[238.0] == critical_angle(client, 238.0, compressive_strength_pa=60e6)
+    assert trace(page, BAND)["visible"] == "legendonly"
+
+
+def test_phase_diagram_without_ricochet_has_no_critical_curve(page: Page) -> None:
+    rod = "projectile.nose.shape=flat&projectile.diameter_m=0.08&x=impact.velocity_m_s,500,800,3"
+    page.goto(f"/#/map?operation=trajectory&{rod}&y=impact.oblique_angle_deg,5,35,3")
+    all_computed(page, 9)
+    expect(page.locator("#map-counts")).to_contain_text("9 embedded")
+    legend = page.locator(".map .legend")
+    expect(legend).to_contain_text("you are here")
+    expect(legend).not_to_contain_text("critical angle")
+    expect(legend).not_to_contain_text(BAND)
+
+
+def wait_for(page: Page, held: list[Route]) -> None:
+    """Wait until a request is withheld."""
+    for _ in range(1800):
+        if held:
+            return
+        page.wait_for_timeout(100)
+    raise AssertionError("the band is not requested")
 
 
 def test_axes_follow_the_case_which_is_a_star_on_the_map(page: Page) -> None:

@@ -5,6 +5,7 @@ import { announce, element } from "../elements.js";
 import { CaseForm } from "../form.js";
 import { submit } from "../job-progress.js";
 import { lostNote } from "../lost.js";
+import { computeCurve, withBand } from "../map-curve.js";
 import { buildMapForm } from "../map-form.js";
 import { MapPicture } from "../map-picture.js";
 import { followMap, quickMap } from "../map-run.js";
@@ -30,6 +31,7 @@ class MapView {
   #work = new AbortController(); // of the running map, aborted when another map is run
   #form; // the map in the form; undefined while a field is not accepted
   #shown; // the map of the picture, with its job
+  #curve; // the critical curve of that map, promised
 
   constructor(root, map) {
     this.runButton = element("button.main", { type: "submit" }, "Run");
@@ -99,16 +101,16 @@ class MapView {
     try {
       if (map.operation === "probability") map.study = { uncertain: await usualAround(map.values, signal), sampling: QUICK };
       const whenRefused = (error) => (hasJob ? undefined : Promise.reject(error)); // else the job says what is wrong
-      const quick = await quickMap(map, signal).catch(whenRefused);
+      const [quick, curve] = await Promise.all([quickMap(map, signal).catch(whenRefused), this.#curve]);
       signal.throwIfAborted();
-      if (quick) await this.picture.showCells({ cells: quick.isWhole ? quick.cells : [], rough: quick.cells });
+      if (quick) await this.picture.showCells({ cells: quick.isWhole ? quick.cells : [], rough: quick.cells, curve });
       signal.throwIfAborted();
       if (hasJob) {
         const { path, body } = sweepRequest(map);
         map.job = (await submit(path, body, signal)).id;
         await this.#follow(map, quick);
       } else if (quick) {
-        this.picture.showEnd({ status: "successful", counts: { total: quick.cells.length, done: quick.cells.length } });
+        await this.#end(map, { status: "successful", counts: { total: quick.cells.length, done: quick.cells.length } });
       }
     } catch (error) {
       this.#fail(error);
@@ -122,15 +124,26 @@ class MapView {
     const listeners = {
       onProgress: (job) => this.picture.showProgress(job),
       onCells: async (cells, isLast) => {
-        if (!signal.aborted) await this.picture.showCells({ cells, isLast });
+        const curve = await this.#curve;
+        if (!signal.aborted) await this.picture.showCells({ cells, isLast, curve });
       },
     };
     try {
-      this.picture.showEnd(await followMap(map, listeners, signal, quick?.isWhole ? quick.cells : []));
+      await this.#end(map, await followMap(map, listeners, signal, quick?.isWhole ? quick.cells : []));
     } catch (error) {
       this.#fail(error);
     }
     if (!signal.aborted) this.cancelButton.disabled = true;
+  }
+
+  /** Show how a map has ended, and then the band around its critical curve, which takes longer than its cells. */
+  async #end(map, job) {
+    const { signal } = this.#work;
+    this.cancelButton.disabled = true;
+    this.picture.showEnd(job);
+    const curve = job.status === "successful" && (await this.#curve);
+    const whole = curve && (await withBand(map, curve, signal).catch(() => undefined));
+    if (whole && !signal.aborted) await this.picture.showCells({ curve: whole });
   }
 
   #begin(map) {
@@ -140,6 +153,7 @@ class MapView {
     this.problem.textContent = "";
     this.cancelButton.disabled = true; // until there is a job
     this.picture.begin(map);
+    this.#curve = computeCurve(map, this.#work.signal).catch(() => undefined); // the cells say what is wrong
     announce("The map is being computed.");
   }
 

@@ -1,0 +1,96 @@
+// The critical curve of a phase diagram: the angle from which a strike is turned away, at each value of the other axis.
+
+import { angleRequest } from "./case.js";
+import { untilAnswered } from "./lost.js";
+import { QUICK, usualAround } from "./scatter.js";
+import { request } from "./service.js";
+import { between, quantileOf } from "./study.js";
+import { AT_ONCE, evenly, isOfAngle, numbers } from "./sweep.js";
+
+const STUDIES = 9; // of a band, at most: it changes slowly along the curve
+const RICOCHET = "ricochet";
+const BAND = "#ffffff66"; // lets the colours of the outcomes through
+
+/**
+ * Compute the critical curve of a map: its `angles` by the values of the axis `side`, undefined where there is no single one.
+ *
+ * @returns {Promise<{side: "x"|"y", angles: (number|undefined)[]}|undefined>} undefined if the map has none
+ */
+export async function computeCurve(map, signal) {
+  const side = isOfAngle(map.x) ? "y" : "x";
+  const hasAngle = map.operation === "trajectory" && [map.x, map.y].some(isOfAngle);
+  if (!hasAngle || Math.min(map.x.count, map.y.count) < 2 || map[side].count > AT_ONCE) return undefined;
+  const results = await sweep("cra/sweep", map, side, numbers(map[side]), {}, signal);
+  const angles = results.map(({ result }) => (result?.other_crossings_deg.length ? undefined : result?.critical_angle_deg));
+  return angles.some(Boolean) ? { side, angles } : undefined;
+}
+
+/** Return a curve with its `band`: the 90 % range by the usual scatter of the case of its map. */
+export async function withBand(map, { side, angles }, signal) {
+  // Without sensitivities, which are not shown, the service takes as few samples as this.
+  const study = { uncertain: await usualAround(map.values, signal), sensitivity: false, sampling: { ...QUICK, half_width: 0.05 } };
+  const known = [...angles.keys()].filter((place) => angles[place] !== undefined);
+  const places = evenly(known.length, STUDIES).map((i) => known[i]);
+  const results = []; // one at a time, or the studies would keep all workers from the case that is dragged meanwhile
+  for (const place of places) results.push(...(await sweep("cra/uncertainty/sweep", map, side, [numbers(map[side])[place]], study, signal)));
+  const [lower, upper] = [0.05, 0.95].map((level) => {
+    const ends = results.map(({ result }) => result && quantileOf(result, level));
+    return angles.map((angle, place) => (angle === undefined ? undefined : between(places, ends, place)));
+  });
+  return { side, angles, band: { lower, upper } };
+}
+
+async function sweep(path, map, side, values, study, signal) {
+  const body = { base: { ...angleRequest(map.values), ...study }, axes: [{ field: map[side].field, values }] };
+  return (await untilAnswered(() => request(path, { body, signal }), signal)).data.results;
+}
+
+/**
+ * Return the traces of a critical curve: its line, and areas that lie below other lines.
+ *
+ * A cell has one colour, but the colours are to meet at the curve. So where a column of cells turns to ricochet once, and beside the
+ * curve, its last cell below lends the others its ending in `endings`, and an area above the curve covers them.
+ */
+export function drawCurve({ side, angles, band }, [x, y], cells, { ink, ricochet }) {
+  const isUp = side === "x"; // whether the angle is on the vertical axis
+  const [along, up] = (isUp ? [x, y] : [y, x]).map(({ shown }) => shown);
+  const [places, heights] = [along, up].map(withEdges);
+  const ends = [heights[0], heights.at(-1)];
+  const endings = [];
+  const refined = angles.map((angle, place) => {
+    const column = up.map((_, row) => (isUp ? row * along.length + place : place * up.length + row));
+    const own = column.map((index) => cells[index]?.ending);
+    const first = [...own, RICOCHET].indexOf(RICOCHET);
+    const turnsOnce = first > 0 && own.every((ending, row) => ending && (row < first || ending === RICOCHET));
+    if (!turnsOnce || !(angle >= heights[2 * first - 2]) || angle > heights[2 * first + 2]) return undefined;
+    for (const index of column.slice(first)) endings[index] = own[first - 1];
+    return angle;
+  });
+  const placed = (across, height) => (isUp ? { x: across, y: height } : { x: height, y: across });
+  const area = (lower, upper, more) => {
+    const [low, high] = [lower, upper].map(withEdges);
+    const z = ends.map((end) => low.map((each, i) => (each === null ? null : (end - each) / (high[i] - each))));
+    const contours = { type: "constraint", operation: "][", value: [0, 1] }; // what satisfies it is left out
+    return { ...placed(places, ends), type: "contour", z, transpose: !isUp, contours, hoverinfo: "skip", ...more };
+  };
+  const top = angles.map(() => 180); // beyond what is seen
+  // In the legend from the beginning, or the picture would change its size when the band is there.
+  const line = { color: ink, width: 1, dash: "dot", smoothing: 0 };
+  const ofBand = { name: "90 % range of the usual scatter", fillcolor: BAND, line, showlegend: true, visible: band ? true : "legendonly" };
+  const areas = [
+    area(refined, top, { fillcolor: ricochet, line: { width: 0 }, showlegend: false }),
+    area(band?.lower ?? angles, band?.upper ?? top, ofBand),
+  ];
+  const curve = { type: "scatter", mode: "lines", name: "critical angle", line: { color: ink, width: 3 }, hoverinfo: "skip", showlegend: true };
+  return { endings, areas, lines: [{ ...placed(places, withEdges(angles)), ...curve }] };
+}
+
+/** Return values at the edges of cells and in their middles, in turn; null where neither that cell nor the one beside it has any. */
+function withEdges(middles) {
+  const beyond = (near, far = near) => (near === undefined ? null : near + (near - far) / 2);
+  const edge = (i) => {
+    if (middles[i - 1] === undefined) return beyond(middles[i], middles[i + 1]);
+    return middles[i] === undefined ? beyond(middles[i - 1], middles[i - 2]) : (middles[i - 1] + middles[i]) / 2;
+  };
+  return [...middles.flatMap((middle, i) => [edge(i), middle ?? null]), edge(middles.length)];
+}
