@@ -3,7 +3,7 @@
 import { csvOf } from "./plots.js";
 import { lengthShown, outcomeShown, statusShown, warningShown } from "./words.js";
 
-/** What a map shows by colours, of its cells that have it: `column` in CSV, `si` the unit in which SI shows it. Outcomes have none. */
+/** Quantities that a map shows by colours, by operation: `column` is the name in CSV, `si` the unit when SI is shown. Outcomes have none. */
 export const QUANTITIES = {
   cra: { label: "Critical angle", si: "°", name: "an angle", column: "critical_angle_deg", of: ({ angle }) => angle },
   thickness: { label: "Least thickness", si: "mm", name: "a thickness", column: "least_thickness_m", of: ({ thickness }) => thickness },

@@ -1,4 +1,4 @@
-// The critical curve of a phase diagram: the angle from which a strike is turned away, at each value of the other axis.
+// The critical curve of a phase diagram: the critical angle at each value of the other axis, with its 90 % range.
 
 import { angleRequest } from "./case.js";
 import { untilAnswered } from "./lost.js";
@@ -7,12 +7,12 @@ import { request } from "./service.js";
 import { between, quantileOf } from "./study.js";
 import { AT_ONCE, evenly, isOfAngle, numbers } from "./sweep.js";
 
-const STUDIES = 9; // of a band, at most: it changes slowly along the curve
+const STUDIES = 9; // largest number for a band, which changes slowly along the curve
 const RICOCHET = "ricochet";
-const BAND = "#ffffff66"; // lets the colours of the outcomes through
+const BAND = "#ffffff66"; // translucent, so that the colours of the outcomes remain visible
 
 /**
- * Compute the critical curve of a map: its `angles` by the values of the axis `side`, undefined where there is no single one.
+ * Compute the critical curve of a map: `angles` at the values of the axis `side`, undefined where there is not exactly one critical angle.
  *
  * @returns {Promise<{side: "x"|"y", angles: (number|undefined)[]}|undefined>} undefined if the map has none
  */
@@ -25,13 +25,13 @@ export async function computeCurve(map, signal) {
   return angles.some(Boolean) ? { side, angles } : undefined;
 }
 
-/** Return a curve with its `band`: the 90 % range by the usual scatter of the case of its map. */
+/** Return a curve with its `band`: the 90 % range from the usual scatter of the case of its map. */
 export async function withBand(map, { side, angles }, signal) {
-  // Without sensitivities, which are not shown, the service takes as few samples as this.
+  // The service accepts so few samples only without sensitivities, which are not shown.
   const study = { uncertain: await usualAround(map.values, signal), sensitivity: false, sampling: { ...QUICK, half_width: 0.05 } };
   const known = [...angles.keys()].filter((place) => angles[place] !== undefined);
   const places = evenly(known.length, STUDIES).map((i) => known[i]);
-  const results = []; // one at a time, or the studies would keep all workers from the case that is dragged meanwhile
+  const results = []; // one study at a time, so that a worker is free for a case that is dragged meanwhile
   for (const place of places) results.push(...(await sweep("cra/uncertainty/sweep", map, side, [numbers(map[side])[place]], study, signal)));
   const [lower, upper] = [0.05, 0.95].map((level) => {
     const ends = results.map(({ result }) => result && quantileOf(result, level));
@@ -46,10 +46,10 @@ async function sweep(path, map, side, values, study, signal) {
 }
 
 /**
- * Return the traces of a critical curve: its line, and areas that lie below other lines.
+ * Return the traces of a critical curve: its line, and areas that are drawn below other lines.
  *
- * A cell has one colour, but the colours are to meet at the curve. So where a column of cells turns to ricochet once, and beside the
- * curve, its last cell below lends the others its ending in `endings`, and an area above the curve covers them.
+ * A cell has one colour, but the colours should meet at the curve. Where a column of cells changes to ricochet once, next to the curve,
+ * the cells from there on get the ending of the last cell before (`endings`), and an area above the curve covers them.
  */
 export function drawCurve({ side, angles, band }, [x, y], cells, { ink, ricochet }) {
   const isUp = side === "x"; // whether the angle is on the vertical axis
@@ -70,11 +70,11 @@ export function drawCurve({ side, angles, band }, [x, y], cells, { ink, ricochet
   const area = (lower, upper, more) => {
     const [low, high] = [lower, upper].map(withEdges);
     const z = ends.map((end) => low.map((each, i) => (each === null ? null : (end - each) / (high[i] - each))));
-    const contours = { type: "constraint", operation: "][", value: [0, 1] }; // what satisfies it is left out
+    const contours = { type: "constraint", operation: "][", value: [0, 1] }; // the area that satisfies the constraint is left empty
     return { ...placed(places, ends), type: "contour", z, transpose: !isUp, contours, hoverinfo: "skip", ...more };
   };
-  const top = angles.map(() => 180); // beyond what is seen
-  // In the legend from the beginning, or the picture would change its size when the band is there.
+  const top = angles.map(() => 180); // beyond the picture
+  // The band is in the legend from the beginning, so that the picture keeps its size when the band arrives.
   const line = { color: ink, width: 1, dash: "dot", smoothing: 0 };
   const ofBand = { name: "90 % range of the usual scatter", fillcolor: BAND, line, showlegend: true, visible: band ? true : "legendonly" };
   const areas = [
@@ -85,7 +85,7 @@ export function drawCurve({ side, angles, band }, [x, y], cells, { ink, ricochet
   return { endings, areas, lines: [{ ...placed(places, withEdges(angles)), ...curve }] };
 }
 
-/** Return values at the edges of cells and in their middles, in turn; null where neither that cell nor the one beside it has any. */
+/** Return values at the edges and the middles of cells, alternately; null where neither of the adjacent cells has a value. */
 function withEdges(middles) {
   const beyond = (near, far = near) => (near === undefined ? null : near + (near - far) / 2);
   const edge = (i) => {

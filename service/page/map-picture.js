@@ -20,8 +20,8 @@ import { unitOf } from "./units.js";
 export class MapPicture {
   #map;
   #axes;
-  #content; // what is drawn, as showCells takes it
-  #isDrawn = false; // whether cells of the map are shown
+  #content; // arguments of the latest `showCells`
+  #isDrawn = false; // whether cells of the map are drawn
   #isSame = true; // whether the inputs in the form are those of the map
 
   /**
@@ -100,7 +100,7 @@ export class MapPicture {
     return [this.plot, this.counts, this.cell];
   }
 
-  /** Draw what is there of the cells, and of a coarse grid where there are none yet; lines over them once no more come. */
+  /** Draw the cells computed so far, the coarse grid where there are none, and contours once no more cells follow. */
   async showCells(content) {
     Object.assign(this.#content, content);
     const { cells, rough = [], curve, isLast } = this.#content;

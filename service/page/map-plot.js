@@ -1,4 +1,4 @@
-// The picture of a map: colours for the quantity, contour lines over them, and marks for cells without it.
+// The picture of a map: colours for the quantity, contour lines over them, and marks for cells that have none.
 
 import { labelWithUnit, withUnit } from "./fields.js";
 import { unitOf } from "./units.js";
@@ -24,9 +24,9 @@ const PAPER = "#e8eaed"; // background of the legend in either theme
  * @param {object[]} rough the nearest cell of a coarse grid for each cell, whose colour is shown where there is no result yet
  * @param {number} room for the mark of a cell [px]
  * @param {number[]} here values of the case itself on both axes, as shown
- * @param {(index: number) => number} yieldOf the stress above which the surface of the body of a cell yields [Pa]
+ * @param {(index: number) => number} yieldOf returns the stress above which the surface of the projectile of a cell yields [Pa]
  * @param {object} [curve] the critical curve (map-curve.js)
- * @param {boolean} hasLines whether there are contours, which take longer than all else
+ * @param {boolean} hasLines whether contours are drawn, which takes longer than all the rest
  */
 export function mapTraces(operation, [x, y], cells, rough, room, here, yieldOf, curve, hasLines = true) {
   const grid = (value) => y.shown.map((up, row) => x.shown.map((across, column) => value(row * x.shown.length + column, across, up)));

@@ -1,4 +1,4 @@
-// Computes a map: at once, by studies of its cells, or as a job that is followed to its end.
+// Computes a map: cases that are answered at once, and a job that is followed to its end.
 
 import { isFinal, resultsOf, statesOf } from "./job-progress.js";
 import { pause, untilAnswered } from "./lost.js";
@@ -6,14 +6,14 @@ import { readCell } from "./map-cells.js";
 import { request } from "./service.js";
 import { evenly, isSmall, mapNameOf, numbers, OPERATIONS, sweepRequest } from "./sweep.js";
 
-const COARSE = 8; // rows and columns of what is seen of a large map first
-const REDRAW_MS = 300; // at least; a large map is drawn less often, as drawing takes turns with the workers
-const REST = 6; // times what it takes to read and draw the cells: 1/7 of a core
+const COARSE = 8; // rows and columns of the preview of a large map
+const REDRAW_MS = 300; // least time between drawings; a large map is drawn less often, because drawing competes with the workers
+const REST = 6; // pause after a drawing, in multiples of its duration, so that drawing takes at most 1/7 of a core
 
 /**
  * Compute as many cases of a map as the service answers at once: all of a small map, a coarse grid of a large one.
  *
- * @returns {Promise<{cells: object[], isWhole: boolean}|undefined>} the nearest of them for each cell; undefined if there are none such
+ * @returns {Promise<{cells: object[], isWhole: boolean}|undefined>} the nearest computed case for each cell; undefined if no case is answered at once
  */
 export async function quickMap(map, signal) {
   if (OPERATIONS[map.operation].isSlow) return undefined;
@@ -34,7 +34,7 @@ export async function quickMap(map, signal) {
 /**
  * Follow the job of a map.
  *
- * @param {object} map map with its job
+ * @param {object} map the map, with its job
  * @param {{onProgress: (job: object) => void, onCells: (cells: object[], isLast: boolean) => Promise<void>}} listeners called
  *   whenever the job has changed, and with the cells, row by row, when there are more; cells without a result are undefined
  * @param {AbortSignal} signal

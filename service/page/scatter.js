@@ -97,7 +97,7 @@ export function takeUsual(inputs) {
   usual = Object.fromEntries(inputs.map(({ field, distribution: { mean, median, mode, ...spread } }) => [field, spread]));
 }
 
-/** Return the usual scatter of a case, around the values that each case of a sweep has. */
+/** Return the usual scatter of a case as inputs of a sweep, in which it is centred on the values of each case. */
 export async function usualAround(values, signal) {
   const judge = () => request("verdict", { body: reportRequest(clipped(values)), signal });
   takeUsual((await untilAnswered(judge, signal)).data.usual_scatter);
@@ -126,7 +126,7 @@ export function centreOf(field, values) {
   return field === RESIDUAL.path ? 1 : (valueAt(values, field) ?? nodeAt(field, values)?.default);
 }
 
-/** Return an input as `/cra/uncertainty` takes it, for which a centre that is left open is the value of the case. */
+/** Return an input in the form that `/cra/uncertainty` accepts, in which an omitted centre is the value of the case. */
 export function uncertainInput({ field, type, given }) {
   if (type === "discrete") {
     const names = parametersOf({ field, type }).map(({ name }) => name).filter((name) => given[name] !== undefined);

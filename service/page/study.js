@@ -62,10 +62,10 @@ export function probabilityAt({ probability }, angle) {
   return { value: at(values), error: (at(upper) - at(lower)) / 2 };
 }
 
-/** Return the value at a place of the straight lines through values at some places, and that of the nearest beyond them. */
+/** Interpolate linearly between values at some places; beyond these, return the nearest value. */
 export function between(places, values, place) {
   const next = places.findIndex((each) => each >= place);
-  if (next < 1) return values.at(next); // of the first, or of the last
+  if (next < 1) return values.at(next); // the first or the last value
   const share = (place - places[next - 1]) / (places[next] - places[next - 1]);
   return values[next - 1] + share * (values[next] - values[next - 1]);
 }

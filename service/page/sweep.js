@@ -6,8 +6,8 @@ import { paperCase } from "./contract.js";
 import { boundsOf, fieldAt } from "./fields.js";
 
 /**
- * What a map may show, and how its cases are requested: the `path` of the sweep and its `base`; `most` values of an axis, 100 unless
- * less, as more are more than a picture can show; `isSlow` if not even a few cases are answered at once.
+ * Operations that a map can show, with the `path` and the `base` of their sweeps. `most` limits the values of an axis; the default is 100,
+ * because a picture could not show more. If an operation `isSlow`, not even a few of its cases are answered at once.
  */
 export const OPERATIONS = {
   cra: { label: "Critical angle", path: "cra/sweep", base: angleRequest },
@@ -67,13 +67,13 @@ export function isSame(one, other) {
   return bare(one) === bare(other);
 }
 
-/** Return the map that may show the results of a job, by its name in OPERATIONS; undefined unless it is a sweep over two fields. */
+/** Return the name in `OPERATIONS` of the map that can show the results of a job; undefined unless the job is a sweep over two fields. */
 export function mapNameOf({ operation, axes }) {
   const path = `${operation.replace("_", "/")}/sweep`;
   return axes?.length === 2 ? Object.keys(OPERATIONS).find((name) => OPERATIONS[name].path === path) : undefined;
 }
 
-/** Return the map that a job computes; undefined if a map does not show it. */
+/** Return the map that a job computes; undefined if its results cannot be shown as a map. */
 export function mapOfJob({ id, request, ...job }) {
   const operation = mapNameOf(job);
   if (!request || !operation) return undefined;
@@ -92,7 +92,7 @@ export function mapQuery({ values, operation, x, y, job }) {
   return query;
 }
 
-/** Return the path of the sweep, and its body: row by row, from left to right; `study` is what a map of probabilities samples. */
+/** Return the path and the body of the sweep for a map, row by row from left to right; `study` has the inputs and samples of probabilities. */
 export function sweepRequest({ values, operation, x, y, study }) {
   const { path, base } = OPERATIONS[operation];
   return { path, body: { base: { ...base(values), ...study }, axes: [y, x] } };
@@ -103,7 +103,7 @@ export function isSmall({ operation, x, y }) {
   return !OPERATIONS[operation].isSlow && x.count * y.count <= AT_ONCE;
 }
 
-/** Return places from both ends evenly, at most so many. */
+/** Return at most `most` places, evenly spaced from end to end. */
 export function evenly(count, most) {
   if (count <= most) return Array.from({ length: count }, (_, i) => i);
   return Array.from({ length: most }, (_, i) => Math.round((i * (count - 1)) / (most - 1)));

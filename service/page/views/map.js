@@ -30,8 +30,8 @@ async function mapOf(query) {
 class MapView {
   #work = new AbortController(); // of the running map, aborted when another map is run
   #form; // the map in the form; undefined while a field is not accepted
-  #shown; // the map of the picture, with its job
-  #curve; // the critical curve of that map, promised
+  #shown; // the map in the picture, with its job
+  #curve; // promise of the critical curve of that map
 
   constructor(root, map) {
     this.runButton = element("button.main", { type: "submit" }, "Run");
@@ -94,13 +94,13 @@ class MapView {
     if (this.#shown) this.picture.compare(isShown, Boolean(map));
   }
 
-  /** Compute a map by a job, with which all of it or a coarse grid is answered at once; the small one that the view opens with, without. */
+  /** Compute a map as a job, and show a small map, or a coarse grid, at once. The small map with which the view opens needs no job. */
   async #run(map, hasJob = true) {
     this.#begin(map);
     const { signal } = this.#work;
     try {
       if (map.operation === "probability") map.study = { uncertain: await usualAround(map.values, signal), sampling: QUICK };
-      const whenRefused = (error) => (hasJob ? undefined : Promise.reject(error)); // else the job says what is wrong
+      const whenRefused = (error) => (hasJob ? undefined : Promise.reject(error)); // otherwise the job reports the error
       const [quick, curve] = await Promise.all([quickMap(map, signal).catch(whenRefused), this.#curve]);
       signal.throwIfAborted();
       if (quick) await this.picture.showCells({ cells: quick.isWhole ? quick.cells : [], rough: quick.cells, curve });
@@ -136,7 +136,7 @@ class MapView {
     if (!signal.aborted) this.cancelButton.disabled = true;
   }
 
-  /** Show how a map has ended, and then the band around its critical curve, which takes longer than its cells. */
+  /** Show how a map ended, and then the band of its critical curve, which takes longer than the cells. */
   async #end(map, job) {
     const { signal } = this.#work;
     this.cancelButton.disabled = true;
@@ -153,7 +153,7 @@ class MapView {
     this.problem.textContent = "";
     this.cancelButton.disabled = true; // until there is a job
     this.picture.begin(map);
-    this.#curve = computeCurve(map, this.#work.signal).catch(() => undefined); // the cells say what is wrong
+    this.#curve = computeCurve(map, this.#work.signal).catch(() => undefined); // the cells show the error
     announce("The map is being computed.");
   }
 
