@@ -41,6 +41,22 @@ def unit_of(name: str) -> str:
     return SYMBOLS.get(unit_end(name), "")
 
 
+BY_END = {"_m": "mm", "_pa": "MPa"}
+"""SI unit in which texts show quantities, by the end of their names; others have the unit of the contract."""
+OTHER_UNITS = {
+    "projectile.nose.points": "mm",
+    "target.youngs_modulus_pa": "GPa",
+    "numerics.termination_time_s": "ms",
+    "numerics.retention_energy_fraction": "%",
+}
+"""SI units of the quantities for which neither the end of the name nor the contract gives the unit of texts."""
+
+
+def shown_in(name: str) -> str:
+    """Return the SI unit in which texts show a quantity of the contract; empty if it has none."""
+    return OTHER_UNITS.get(name) or BY_END.get(unit_end(name)) or unit_of(name)
+
+
 @dataclass(frozen=True, slots=True)
 class Column:
     """A column of a result table.

@@ -11,10 +11,11 @@ from typing import Any, Final, NamedTuple
 import jinja2
 from markupsafe import Markup, escape
 
+from service.columns import shown_in
 from service.names import FORMULAS, OUTCOMES, QUANTITIES, STATUSES
 from service.reports import style
 from service.reports.assessment_figures import SETTINGS, curves, side_views, sketch, svg
-from service.reports.assessment_numbers import WORDS, Numbers, Row, lookup, rows, sentence, shown_in
+from service.reports.assessment_numbers import WORDS, Numbers, Row, lookup, rows, sentence
 from service.reports.style import embedded
 from solver.free_surface import NoFreeSurface
 from solver.projectile import Projectile

@@ -6,7 +6,7 @@ from typing import Any, Final, NamedTuple
 
 from markupsafe import Markup, escape
 
-from service.columns import unit_end, unit_of
+from service.columns import shown_in
 from service.names import CHOICES, QUANTITIES
 from solver.units import fixed, number, rounded, shown_unit, with_symbol
 
@@ -110,22 +110,6 @@ GROUPS: Final[Mapping[str, str]] = {
     "search": "Computation",
 }
 """Title of the group of inputs for each part of the request, in the order of the report."""
-BY_END: Final[Mapping[str, str]] = {"_m": "mm", "_pa": "MPa"}
-"""SI unit in which a report writes quantities, by the end of their names; others have the unit of the contract."""
-OTHER_UNITS: Final[Mapping[str, str]] = {
-    "projectile.nose.points": "mm",
-    "target.youngs_modulus_pa": "GPa",
-    "numerics.termination_time_s": "ms",
-    "numerics.retention_energy_fraction": "%",
-}
-"""SI units of the quantities for which neither the end of the name nor the contract gives the unit of a report."""
-
-
-def shown_in(name: str) -> str:
-    """Return the SI unit in which a report writes a quantity of the contract; empty if it has none."""
-    return OTHER_UNITS.get(name) or BY_END.get(unit_end(name)) or unit_of(name)
-
-
 FIELDS: Final[Mapping[str, str]] = {
     f"/{name.replace('.', '/')}": shown_in(name) for name in QUANTITIES if name.partition(".")[0] in GROUPS
 }
