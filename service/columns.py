@@ -47,6 +47,7 @@ OTHER_UNITS = {
     "projectile.nose.points": "mm",
     "target.youngs_modulus_pa": "GPa",
     "numerics.termination_time_s": "ms",
+    "flight.height_m": "m",
     "numerics.retention_energy_fraction": "%",
 }
 """SI units of the quantities for which neither the end of the name nor the contract gives the unit of texts."""

@@ -1,6 +1,7 @@
 """Exception handlers that answer every error of the application with a problem document (RFC 9457)."""
 
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from http import HTTPStatus
 
 import orjson
@@ -21,6 +22,7 @@ from service.errors import (
 )
 from service.telemetry import path_of
 from solver import RicochetError
+from solver.units import written_in
 
 MEDIA_TYPE = "application/problem+json"
 OF_THE_BODY = {HTTPStatus.BAD_REQUEST, HTTPStatus.REQUEST_ENTITY_TOO_LARGE, HTTPStatus.UNSUPPORTED_MEDIA_TYPE}
@@ -37,9 +39,16 @@ def install_problem_handlers(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, answer_http_exception)
 
 
+def units_named_in(request: Request) -> AbstractContextManager[None]:
+    """Return a context in which errors are written in the units that the body of a request names, if it names any."""
+    # The context is left before anything else is awaited. Tasks that outlive the request would otherwise inherit it.
+    return written_in(getattr(request.state, "units", None))
+
+
 async def answer_exception(request: Request, exception: Exception) -> Response:
     """Answer an exception of the service or the solver, or an unexpected one, with its problem."""
-    content = problem_of(exception)
+    with units_named_in(request):
+        content = problem_of(exception)
     retry_after = exception.retry_after if isinstance(exception, ServiceError) else RETRY_SECONDS
     return problem_response(request, content, retry_after=retry_after)
 
@@ -49,7 +58,9 @@ async def answer_validation_error(request: Request, exception: Exception) -> Res
     assert isinstance(exception, RequestValidationError)  # noqa: S101 (registered for this class only)
     # FastAPI prepends "body" or "query" to the location, which is not part of a pointer into the body.
     found = [{**error, "loc": error["loc"][1:]} for error in exception.errors()[:MAX_ERRORS]]
-    return await answer_exception(request, InvalidBodyError(validation_errors(found)))
+    with units_named_in(request):
+        errors = validation_errors(found)
+    return await answer_exception(request, InvalidBodyError(errors))
 
 
 async def answer_http_exception(request: Request, exception: Exception) -> Response:

@@ -18,6 +18,8 @@ from functools import wraps
 from inspect import getfullargspec, isfunction
 from typing import Any, NamedTuple, TypeVar, get_args
 
+from solver.units import Amount
+
 Row = TypeVar("Row")
 
 
@@ -33,16 +35,44 @@ class ParameterError(RicochetError, ValueError):
     field
         Dotted name of the input, such as ``projectile.length``.
     requirement
-        Condition that the input must satisfy, with the bound and the value found.
+        Condition that the input must satisfy, with the bound and the value found. With `amounts`, it has ``{}`` in the
+        place of each.
+    amounts
+        Quantities in the condition. They are formatted when the message is read, in the units of `written_in` there.
     """
 
-    def __init__(self, field: str, requirement: str) -> None:
-        super().__init__(field, requirement)
+    def __init__(self, field: str, requirement: str, *amounts: Amount) -> None:
         self.field = field
-        self.requirement = requirement
+        self.amounts = amounts
+        self._condition = requirement
+        super().__init__(field, self.requirement)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.field, self._condition, *self.amounts), self.__dict__
+
+    @property
+    def requirement(self) -> str:
+        """Condition that the input must satisfy, with the bound and the value found."""
+        # Without amounts the text may have braces of its own, such as those of a value that it quotes.
+        return self._condition.format(*self.amounts) if self.amounts else self._condition
 
     def __str__(self) -> str:
         return f"{self.field}: {self.requirement}"
+
+    def at(self, field: str, *, before: str = "", unit: str | None = None) -> "ParameterError":
+        """Return the same error for the input that the caller knows.
+
+        Parameters
+        ----------
+        before
+            Words before the condition.
+        unit
+            SI unit in which texts show the input, for the amounts that lack one.
+        """
+        if self.amounts:
+            before = before.replace("{", "{{").replace("}", "}}")
+        amounts = (each._replace(unit=unit) if each.unit is None else each for each in self.amounts)
+        return ParameterError(field, before + self._condition, *amounts)
 
 
 class IntegrationError(RicochetError):
@@ -89,10 +119,10 @@ def rows_of(field: str, rows: Any, kind: type[Row]) -> list[Row]:
     return found
 
 
-def require(condition: bool, field: str, requirement: str) -> None:
-    """Raise `ParameterError` for `field` unless `condition` holds."""
+def require(condition: bool, field: str, requirement: str, *amounts: Amount) -> None:
+    """Raise a `ParameterError` with the other arguments unless `condition` holds."""
     if not condition:
-        raise ParameterError(field, requirement)
+        raise ParameterError(field, requirement, *amounts)
 
 
 def require_number(field: str, value: object) -> float:
@@ -141,10 +171,11 @@ def require_finite(field: str, value: float) -> None:
     require(math.isfinite(value), field, f"must be a finite number, got {value}")
 
 
-def require_positive(field: str, value: float) -> None:
-    """Raise `ParameterError` unless a value is a finite number above zero."""
+def require_positive(field: str, value: float, unit: str | None = "") -> None:
+    """Raise `ParameterError` unless a value is a finite number above zero; `unit` is that of an `Amount`."""
     require_number(field, value)
-    require(math.isfinite(value) and value > 0.0, field, f"must be greater than 0, got {value:g}")
+    amounts = Amount(0.0, unit), Amount(value, unit)
+    require(math.isfinite(value) and value > 0.0, field, "must be greater than {}, got {}", *amounts)
 
 
 def require_between(field: str, value: float, lower: float, upper: float) -> None:
@@ -153,7 +184,8 @@ def require_between(field: str, value: float, lower: float, upper: float) -> Non
     require(
         math.isfinite(value) and lower <= value <= upper,
         field,
-        f"must be between {lower:g} and {upper:g}, got {value:g}",
+        "must be between {} and {}, got {}",
+        *(Amount(each, "") for each in (lower, upper, value)),
     )
 
 
@@ -161,15 +193,15 @@ class Bound(NamedTuple):
     """Range of a number with its unit, and the units in which it is often given by mistake."""
 
     lower: float
-    """Lower end of the range, in `unit`."""
+    """Lower end of the range, in the coherent SI unit."""
     upper: float
-    """Upper end of the range, in `unit`."""
+    """Upper end of the range, in the coherent SI unit."""
     unit: str
-    """Symbol of the unit; empty for a ratio."""
+    """SI unit in which texts show the quantity, such as ``mm``; empty for a ratio."""
     name: str
-    """Name of the unit in error messages."""
+    """Name of the coherent unit in error messages."""
     mistaken: tuple[tuple[str, float], ...] = ()
-    """Symbols of such units, each with its factor to `unit`."""
+    """Symbols of such units, each with its factor to the coherent unit."""
     above: bool = False
     """True if the lower end is excluded."""
     below: bool = False
@@ -188,27 +220,27 @@ PRESSURES = (("MPa", 1e6), ("kPa", 1e3), ("GPa", 1e9))
 # Each range includes all real strikes with a margin, and excludes most values in a wrong unit. The values are
 # rough choices.
 BOUNDS: Mapping[str, Bound] = {
-    "projectile.diameter": Bound(1e-3, 5.0, "m", "metres", MILLIMETRES),
-    "projectile.length": Bound(1e-3, 20.0, "m", "metres", MILLIMETRES),
+    "projectile.diameter": Bound(1e-3, 5.0, "mm", "metres", MILLIMETRES),
+    "projectile.length": Bound(1e-3, 20.0, "mm", "metres", MILLIMETRES),
     "projectile.mass": Bound(1e-6, 1e7, "kg", "kilograms"),
-    "projectile.center_of_gravity": Bound(1e-6, 20.0, "m", "metres", MILLIMETRES, below=True),
+    "projectile.center_of_gravity": Bound(1e-6, 20.0, "mm", "metres", MILLIMETRES, below=True),
     "projectile.moment_of_inertia": Bound(1e-15, 1e9, "kg m²", "kg m²"),
-    "projectile.boat_tail.length": Bound(1e-6, 20.0, "m", "metres", MILLIMETRES),
-    "projectile.boat_tail.base_diameter": Bound(0.0, 5.0, "m", "metres", MILLIMETRES),
-    "projectile.inner_diameter": Bound(0.0, 5.0, "m", "metres", MILLIMETRES, above=True),
-    "projectile.yield_strength": Bound(1e6, 1e11, "Pa", "pascals", PRESSURES),
+    "projectile.boat_tail.length": Bound(1e-6, 20.0, "mm", "metres", MILLIMETRES),
+    "projectile.boat_tail.base_diameter": Bound(0.0, 5.0, "mm", "metres", MILLIMETRES),
+    "projectile.inner_diameter": Bound(0.0, 5.0, "mm", "metres", MILLIMETRES, above=True),
+    "projectile.yield_strength": Bound(1e6, 1e11, "MPa", "pascals", PRESSURES),
     "projectile.nose.caliber_radius_head": Bound(0.5, 100.0, "", "a ratio"),
     "projectile.nose.length_to_diameter": Bound(0.0, 20.0, "", "a ratio", above=True),
-    "target.compressive_strength": Bound(1e5, 1e9, "Pa", "pascals", PRESSURES),
-    "target.characteristic_strength": Bound(1e5, 1e9, "Pa", "pascals", PRESSURES),
+    "target.compressive_strength": Bound(1e5, 1e9, "MPa", "pascals", PRESSURES),
+    "target.characteristic_strength": Bound(1e5, 1e9, "MPa", "pascals", PRESSURES),
     "target.density": Bound(100.0, 2e4, "kg/m³", "kg/m³", (("g/cm³", 1e3),)),
-    "target.youngs_modulus": Bound(1e6, 1e12, "Pa", "pascals", (("GPa", 1e9), ("MPa", 1e6))),
+    "target.youngs_modulus": Bound(1e6, 1e12, "GPa", "pascals", (("GPa", 1e9), ("MPa", 1e6))),
     "target.poissons_ratio": Bound(0.0, 0.5, "", "a ratio"),
-    "target.thickness": Bound(0.0, 1e3, "m", "metres", MILLIMETRES, above=True),
+    "target.thickness": Bound(0.0, 1e3, "mm", "metres", MILLIMETRES, above=True),
     # Slabs of power plants have up to about 2 % in each direction at each face. No wall with more than ten per cent can
     # be cast.
-    "target.reinforcement_ratio_percent": Bound(0.0, 10.0, "%", "percent"),
-    "shot.depth": Bound(1e-6, 100.0, "m", "metres", MILLIMETRES),
+    "target.reinforcement_ratio_percent": Bound(0.0, 10.0, "percent", "percent"),
+    "shot.depth": Bound(1e-6, 100.0, "mm", "metres", MILLIMETRES),
     "impact.velocity": Bound(0.1, 1e4, "m/s", "m/s"),
     "impact.angular_velocity": Bound(-1e5, 1e5, "rad/s", "rad/s"),
     "flight.speed": Bound(0.0, 1e4, "m/s", "m/s", above=True),
@@ -238,15 +270,14 @@ def require_bounds(field: str, value: object, like: str = "") -> None:
     bound, number = BOUNDS[like or field], require_number(field, value)
     if bound.holds(number):
         return
-    unit = bound.unit and f" {bound.unit}"
-    least = "more than " if bound.above else ""
-    text = f"must be {least}{bound.lower:g} to {'less than ' * bound.below}{bound.upper:g}{unit}, got {number:g}{unit}"
+    text = f"must be {'more than ' * bound.above}{{}} to {'less than ' * bound.below}{{}}, got {{}}"
     for other, factor in bound.mistaken:
         if bound.holds(number * factor):
             meant = f"{number:g}e6" if factor == 1e6 else f"{number * factor:.6g}"
             text += f"; give {bound.name}, {meant} for {number:g} {other}"
             break
-    raise ParameterError(field, text)
+    lower, upper, found = (Amount(each, bound.unit) for each in (bound.lower, bound.upper, number))
+    raise ParameterError(field, text, lower._replace(bare=True), upper, found)
 
 
 def require_one(field: str, value: object, kind: type) -> None:

@@ -25,6 +25,7 @@ from solver.arrays import FloatArray, interpolation
 from solver.checks import require
 from solver.compilation import exact, lean
 from solver.target import Target
+from solver.units import Amount
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -189,8 +190,10 @@ def _plastic_ratio(target: Target, least_modulus: float) -> float:
     require(
         target.elastic_modulus > least_modulus,
         "target.youngs_modulus",
-        f"must be greater than {least_modulus:.4g} Pa for concrete of {target.compressive_strength:g} Pa, which would "
-        f"not yield around the cavity otherwise, got {target.elastic_modulus:g} Pa",
+        "must be greater than {} for concrete of {}, which would not yield around the cavity otherwise, got {}",
+        Amount(least_modulus, "GPa", 4),
+        Amount(target.compressive_strength, "MPa"),
+        Amount(target.elastic_modulus, "GPa"),
     )
     return float((target.elastic_modulus / least_modulus) ** (1.0 / 3.0))
 

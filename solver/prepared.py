@@ -40,6 +40,7 @@ from solver.time_integration import (
     integrate_fixed,
     make_linearisation,
 )
+from solver.units import Amount
 
 # A thinner plate fails by bending and tearing, which the model does not include.
 LEAST_THICKNESS = 0.1
@@ -184,8 +185,10 @@ def prepare(
         require(
             target.thickness >= least,
             "target.thickness",
-            f"must be at least a tenth of the diameter, {least:g} m, got {target.thickness:g} m: "
-            "a thinner plate fails by bending and tearing, which the model does not have",
+            "must be at least a tenth of the diameter, {}, got {}: a thinner plate fails by bending and tearing, which "
+            "the model does not have",
+            Amount(least, "mm"),
+            Amount(target.thickness, "mm"),
         )
     properties = mass_properties(projectile)
     if numerics.method == "panels":

@@ -19,6 +19,7 @@ from solver.checks import (
     require_kind,
     require_one,
 )
+from solver.units import Amount
 
 # Integrands over lines are polynomials, which this rule integrates exactly; integrals over arcs are accurate nearly to
 # machine precision.
@@ -27,6 +28,8 @@ GAUSS_POINTS = 48
 # The tolerance accepts dimensions that were stored in single precision.
 MATCH = 1e-6
 """Relative tolerance of dimensions that must agree, such as the radii of a profile and the shank. [1]"""
+MATCH_DIGITS = 9
+"""Significant digits with which the error about such dimensions shows how they differ. [1]"""
 # Rounding moves points off a straight line: by 1e-16 of the size of the nose or, if they are given to the micrometre,
 # by about 1e-5. No nose is manufactured to 1e-4 of its size.
 DENT = 1e-4
@@ -428,12 +431,15 @@ class Projectile:
             require(
                 math.isclose(self.length, self.diameter, rel_tol=MATCH),
                 "projectile.length",
-                f"must be the diameter of the sphere, {self.diameter:.9g} m, got {self.length:.9g} m",
+                "must be the diameter of the sphere, {}, got {}",
+                *(Amount(each, "mm", MATCH_DIGITS) for each in (self.diameter, self.length)),
             )
         require(
             self.length >= self.nose_length,
             "projectile.length",
-            f"must be at least the length of the nose, {self.nose_length:.6g} m, got {self.length:g} m",
+            "must be at least the length of the nose, {}, got {}",
+            Amount(self.nose_length, "mm"),
+            Amount(self.length, "mm"),
         )
         if self.boat_tail is not None:
             self._check_boat_tail(self.boat_tail)
@@ -443,7 +449,9 @@ class Projectile:
             require(
                 inside,
                 "projectile.center_of_gravity",
-                f"must be between the tip and the base, 0 and {self.length:g} m, got {self.center_of_gravity:g} m",
+                "must be between the tip and the base, 0 and {}, got {}",
+                Amount(self.length, "mm"),
+                Amount(self.center_of_gravity, "mm"),
             )
         if self.moment_of_inertia is not None:
             require_bounds("projectile.moment_of_inertia", self.moment_of_inertia)
@@ -453,7 +461,9 @@ class Projectile:
             require(
                 self.inner_diameter < self.diameter,
                 field,
-                f"must be less than the diameter, {self.diameter:g} m, got {self.inner_diameter:g} m",
+                "must be less than the diameter, {}, got {}",
+                Amount(self.diameter, "mm"),
+                Amount(self.inner_diameter, "mm"),
             )
             require(self._whole is None, field, f"must be left out: the {self.nose.name} has no shank to be hollow")
         if self.yield_strength is not None:
@@ -465,15 +475,15 @@ class Projectile:
         require(
             math.isclose(nose.widest, self.radius, rel_tol=MATCH),
             field,
-            f"must {'be as wide as' if nose.falls else 'end at the radius of'} the shank, {self.radius:.9g} m, "
-            f"got {nose.widest:.9g} m",
+            f"must {'be as wide as' if nose.falls else 'end at the radius of'} the shank, {{}}, got {{}}",
+            *(Amount(each, "mm", MATCH_DIGITS) for each in (self.radius, nose.widest)),
         )
         end = nose.points[-1][0]
         require(
             not nose.falls or math.isclose(end, self.length, rel_tol=MATCH),
             field,
-            f"must reach to the base, {self.length:.9g} m behind the tip, as the radius falls behind its widest point, "
-            f"but end at {end:.9g} m",
+            "must reach to the base, {} behind the tip, as the radius falls behind its widest point, but end at {}",
+            *(Amount(each, "mm", MATCH_DIGITS) for each in (self.length, end)),
         )
 
     def _check_boat_tail(self, boat_tail: BoatTail) -> None:
@@ -484,12 +494,16 @@ class Projectile:
         require(
             boat_tail.length <= room * (1.0 + MATCH),
             f"{field}.length",
-            f"must be at most the length behind the nose, {room:.6g} m, got {boat_tail.length:g} m",
+            "must be at most the length behind the nose, {}, got {}",
+            Amount(room, "mm"),
+            Amount(boat_tail.length, "mm"),
         )
         require(
             boat_tail.base_diameter <= self.diameter,
             f"{field}.base_diameter",
-            f"must be at most the diameter of the shank, {self.diameter:g} m, got {boat_tail.base_diameter:g} m",
+            "must be at most the diameter of the shank, {}, got {}",
+            Amount(self.diameter, "mm"),
+            Amount(boat_tail.base_diameter, "mm"),
         )
 
     @property

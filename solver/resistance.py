@@ -28,6 +28,7 @@ from solver.checks import (
 from solver.free_surface import ElasticPlastic, FreeSurface
 from solver.projectile import GAUSS_POINTS, Profile, Projectile
 from solver.target import MOST_PLUG, Crater, ShearPlug, Target
+from solver.units import Amount
 
 FIELD = "resistance.strength_factor"
 """Dotted name of the strength factor in errors."""
@@ -221,9 +222,9 @@ class StrengthPowerLaw:
     def __post_init__(self) -> None:
         require_positive(f"{FIELD}.coefficient", self.coefficient)
         require_finite(f"{FIELD}.exponent", self.exponent)
-        require_positive(f"{FIELD}.reference_strength", self.reference_strength)
+        require_positive(f"{FIELD}.reference_strength", self.reference_strength, "MPa")
         require_finite(f"{FIELD}.diameter_exponent", self.diameter_exponent)
-        require_positive(f"{FIELD}.reference_diameter", self.reference_diameter)
+        require_positive(f"{FIELD}.reference_diameter", self.reference_diameter, "mm")
         _check_shape(self.obliquity_shape)
 
     def polynomial(
@@ -605,16 +606,20 @@ def _posterior(
         try:
             factor = factor_of(shot)
         except ParameterError as error:
-            name, text = error.field, error.requirement
+            name, before = error.field, ""
             if name.startswith("projectile."):  # the scaled body of this shot is too small or too large
-                name, text = "diameter", f"makes a {name} that {text}"
-            raise ParameterError(f"{FIELD}.shots.{index}.{name}", text) from None
+                name, before = "diameter", f"makes a {name} that "
+            raise error.at(f"{FIELD}.shots.{index}.{name}", before=before) from None
         if not lower <= factor <= upper:
             mass = projectile.mass if shot.mass is None else shot.mass
+            slip, corrected = _likely_slip(shot, mass, factor_of, prior)
             raise ParameterError(
                 f"{FIELD}.shots.{index}.depth",
-                f"of {shot.depth:g} m at {shot.velocity:g} m/s takes a strength factor of {factor:.3g}, which must be "
-                f"between {lower:g} and {upper:g}; {_likely_slip(shot, mass, factor_of, prior)}",
+                f"of {{}} at {{}} takes a strength factor of {factor:.3g}, which must be between {lower:g} and "
+                f"{upper:g}; {slip}",
+                Amount(shot.depth, "mm"),
+                Amount(shot.velocity, "m/s"),
+                *corrected,
             )
         factors.append(factor)
     misses = np.log(np.array(factors) / prior)
@@ -633,8 +638,12 @@ def _posterior(
     )
 
 
-def _likely_slip(shot: Shot, mass: float, factor_of: Callable[[Shot], float], prior: float) -> str:
+def _likely_slip(
+    shot: Shot, mass: float, factor_of: Callable[[Shot], float], prior: float
+) -> tuple[str, tuple[Amount, ...]]:
     """Return the unit mistake whose correction brings the S of an implausible shot nearest to the law.
+
+    The words are followed by the amounts for each ``{}`` in them.
 
     Parameters
     ----------
@@ -653,10 +662,13 @@ def _likely_slip(shot: Shot, mass: float, factor_of: Callable[[Shot], float], pr
         except ParameterError:  # no S gives the depth of the corrected shot either
             continue
         if PLAUSIBLE_FACTORS[0] <= other <= PLAUSIBLE_FACTORS[1]:
-            unit = {"depth": "m", "velocity": "m/s", "mass": "kg"}[quantity]
-            text = f"perhaps {slip}: with a {quantity} of {right:.4g} {unit} it is {other:.3g}"
-            found.append((abs(math.log(other / prior)), text))
-    return min(found)[1] if found else "compare speed, depth, mass, diameter and strength with those measured"
+            unit = {"depth": "mm", "velocity": "m/s", "mass": "kg"}[quantity]
+            text = f"perhaps {slip}: with a {quantity} of {{}} it is {other:.3g}"
+            found.append((abs(math.log(other / prior)), text, Amount(right, unit, 4)))
+    if not found:
+        return "compare speed, depth, mass, diameter and strength with those measured", ()
+    _, text, amount = min(found)
+    return text, (amount,)
 
 
 def _body_of(shot: Shot, projectile: Projectile) -> Projectile:
@@ -934,7 +946,8 @@ def strength_factor_of_depth(
         integral += float(area[-1]) * float(np.exp(exponent[-1])) * beyond * (depth - varied)
     found = float(projectile.mass * velocity**2 / (2.0 * target.compressive_strength * integral))
     if not (math.isfinite(found) and found > 0.0):
-        raise ParameterError("depth", f"of {depth:g} m at {velocity:g} m/s is not reached with any strength factor")
+        amounts = Amount(depth, "mm"), Amount(velocity, "m/s")
+        raise ParameterError("depth", "of {} at {} is not reached with any strength factor", *amounts)
     return found
 
 

@@ -3,6 +3,10 @@
 The solver computes in SI. Code that composes a text passes each value with the SI unit in which it should appear, such
 as ``mm`` for a thickness. The functions of this module format the value in that unit or in its US counterpart,
 depending on the system that `written_in` has set.
+
+The message of an error is different where no system is set: it is about a number that somebody has given, and has the
+coherent unit of that number, such as m. An error therefore carries its quantities as `Amount`, and they are formatted
+when its message is read.
 """
 
 import math
@@ -47,6 +51,7 @@ SI_UNITS: Mapping[str, Unit] = {
     "kg m²": Unit("kg m²", 1.0),
     "ms": Unit("ms", 1e3),
     "%": Unit("%", 100.0),
+    "percent": Unit("%", 1.0),
 }
 """SI units by symbol; any other symbol is shown as it is, with a factor of 1."""
 US_UNITS: Mapping[str, Unit] = {
@@ -65,12 +70,23 @@ US_UNITS: Mapping[str, Unit] = {
 CONVERTED_DIGITS = 4
 """Largest number of significant digits of a converted number in a text. [1]"""
 
-_system: ContextVar[UnitSystem] = ContextVar("unit_system", default=UnitSystem.SI)
+COHERENT: Mapping[str, str] = {"mm": "m", "MPa": "Pa", "GPa": "Pa", "ms": "s", "%": ""}
+"""Coherent SI units, in which numbers are given, by the units in which texts show the quantities."""
+AMOUNT_DIGITS = 6
+"""Significant digits of a number in the message of an error: enough to see on which side of a bound it is. [1]"""
+
+_system: ContextVar[UnitSystem | None] = ContextVar("unit_system", default=None)
 
 
 @contextmanager
-def written_in(system: UnitSystem | str) -> Iterator[None]:
+def written_in(system: UnitSystem | str | None) -> Iterator[None]:
     """Use a system of units for the quantities in all texts that are composed within the block.
+
+    Parameters
+    ----------
+    system
+        None stands for no choice, as outside of any context: texts are in SI, and messages of errors have the coherent
+        units of the inputs.
 
     Examples
     --------
@@ -78,7 +94,7 @@ def written_in(system: UnitSystem | str) -> Iterator[None]:
     ...     print(quantity(0.3, "mm"))
     11.81 in
     """
-    token = _system.set(UnitSystem(system))
+    token = _system.set(None if system is None else UnitSystem(system))
     try:
         yield
     finally:
@@ -87,7 +103,7 @@ def written_in(system: UnitSystem | str) -> Iterator[None]:
 
 def system_in_use() -> UnitSystem:
     """Return the system of units in which texts are written."""
-    return _system.get()
+    return _system.get() or UnitSystem.SI
 
 
 def shown_unit(unit: str) -> Unit:
@@ -162,6 +178,37 @@ def with_symbol(text: str, unit: str) -> str:
     """Append the symbol of the unit in use for quantities with the SI unit `unit` to their formatted numbers."""
     found = symbol(unit)
     return f"{text}{found}" if found in ("", "°") else f"{text} {found}"
+
+
+class Amount(NamedTuple):
+    """Quantity in the message of an error.
+
+    Its text is in the coherent SI unit of the input, or in the unit of other texts where `written_in` has set a system.
+
+    Examples
+    --------
+    >>> str(Amount(0.53, "mm"))
+    '0.53 m'
+    >>> with written_in("si"):
+    ...     str(Amount(0.53, "mm"))
+    '530 mm'
+    """
+
+    value: float
+    """Value in coherent SI units."""
+    unit: str | None
+    """SI unit in which other texts show the quantity, such as ``mm``; None if it is that of an unknown input."""
+    digits: int = AMOUNT_DIGITS
+    """Significant digits. [1]"""
+    bare: bool = False
+    """True if the text has no unit, since another amount with the same unit follows."""
+
+    def __str__(self) -> str:
+        unit = self.unit or ""
+        if _system.get() is None:
+            unit = COHERENT.get(unit, unit)
+        text = number(self.value, unit, self.digits, converted_digits=AMOUNT_DIGITS)
+        return text if self.bare else with_symbol(text, unit)
 
 
 def _with_decimals(shown: float, decimals: int) -> str:

@@ -25,6 +25,7 @@ from service.api.services import services_of
 from service.auth.dependencies import authorize
 from service.errors import InvalidBodyError
 from service.schemas.problems import json_pointer
+from service.schemas.quantities import named_units
 from service.settings import Settings
 
 MAX_FIELDS = 30
@@ -135,7 +136,11 @@ class CheckedRoute(APIRoute):
                 await authorize(request, SecurityScopes(["run"]))
             if request.scope["query_string"]:
                 refuse_unknown(request, known)
-            return await handle(request if self.body_field is None else await bounded(request, long=self.long))
+            if self.body_field is None:
+                return await handle(request)
+            body = await bounded(request, long=self.long)
+            request.state.units = named_units(await body.json())
+            return await handle(body)
 
         return handle_checked
 

@@ -27,6 +27,7 @@ from service.columns import csv_cells, summarize, trial_columns
 from service.errors import ProblemType, problem_of, validated_as
 from service.jobs.scheduler import problem_name
 from service.operations import OPERATIONS, KeyedRequest, Operation
+from service.problems import units_named_in
 from service.queries import Answered, CacheStatus, check_work
 from service.schemas.requests import alternatives_in, answered_alternative, with_alternatives
 from service.telemetry import BEGUN
@@ -146,7 +147,8 @@ async def _answer_query(request: Request, operation: Operation, case: Any, query
             # A failed alternative is answered with its problem. Other errors, such as a full queue, fail the request.
             if ProblemType.of(error).status != HTTPStatus.UNPROCESSABLE_ENTITY:
                 raise
-            return {**laws, "problem": {**problem_of(error), "instance": request.scope["path"]}}, "miss"
+            with units_named_in(request):
+                return {**laws, "problem": {**problem_of(error), "instance": request.scope["path"]}}, "miss"
         return answered_alternative(laws, found.answer), known
 
     others = alternatives_in(case)

@@ -36,6 +36,7 @@ from service.auth.dependencies import RUN, context_in
 from service.errors import ProblemType, problem_of
 from service.jobs.models import JobCase
 from service.operations import OPERATIONS, KeyedRequest, Operation
+from service.problems import units_named_in
 from service.queries import check_work
 from service.schemas import ReportRequest, VerdictAnswer, verdict_answer
 from service.telemetry import BEGUN, path_of
@@ -190,11 +191,13 @@ async def answer_query(request: Request, name: str, query: Query) -> Any:
     """Answer one query. If the strike makes it impossible, return its problem instead, unless it is `NEEDED`."""
     operation = OPERATIONS[query.operation]
     try:
-        case = validated(query.body, operation, services_of(request))
+        with units_named_in(request):
+            case = validated(query.body, operation, services_of(request))
         return orjson.loads((await resolve(request, operation, case, watched=False)).content)
     except Exception as error:
         # A query that is impossible for this strike is reported within the answer. A busy or failing service fails the
         # whole request.
         if name == NEEDED or ProblemType.of(error).status != HTTPStatus.UNPROCESSABLE_ENTITY:
             raise
-        return {"problem": problem_of(error)}
+        with units_named_in(request):
+            return {"problem": problem_of(error)}

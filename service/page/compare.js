@@ -7,7 +7,7 @@ import { GROUPS, fieldShown, labelWithUnit } from "./fields.js";
 import { computeRun } from "./run.js";
 import { isAbort, isLost, request } from "./service.js";
 import { markFresh, markStale } from "./stale.js";
-import { unitOf } from "./units.js";
+import { inUnits, unitOf } from "./units.js";
 import { outcomeShown, statusShown } from "./words.js";
 
 /** Largest number of pinned strikes; with the current one, four are compared. */
@@ -65,7 +65,7 @@ export class Compare {
     const load = async (pin) => {
       try {
         pin.run ??= await computeRun(pin.values, signal);
-        pin.found ??= (await request("cra", { body: angleRequest(pin.values), signal })).data;
+        pin.found ??= (await request("cra", { body: inUnits(angleRequest(pin.values)), signal })).data;
       } catch (error) {
         if (isAbort(error) || isLost(error)) throw error;
         this.#unpin(pin);

@@ -190,11 +190,9 @@ export function shownNumber({ factor }, value) {
   return Number((value / factor).toPrecision(areUs() ? 6 : 12));
 }
 
-/** Return an error of the service for a field: with its name, lengths and pressures in the unit of the field. */
-export function inUnit(field, detail) {
-  const convert = (text, number) => (field.factor === 1 ? text : withUnit(shownNumber(field, Number(number)), field.unit));
-  const words = detail.replace(/(-?\d+(?:\.\d+)?(?:e[+-]?\d+)?) (?:m|Pa)\b(?![²³/])/g, convert);
-  return /^(must|at least|at most|more than|less than)\b/.test(words) ? `${field.label} ${words}` : words;
+/** Return an error of the service with the name of its field, where it is what the field must be. */
+export function ofField({ label }, detail) {
+  return detail.startsWith("must ") ? `${label} ${detail}` : detail;
 }
 
 /** Return a number with its unit. */

@@ -4,7 +4,7 @@ import { valueAt, withValue } from "./case.js";
 import { exampleOf, paperCase } from "./contract.js";
 import { announce, element, showText } from "./elements.js";
 import { buildRow, showProblem } from "./field-row.js";
-import { GROUPS, inUnit, isThere } from "./fields.js";
+import { GROUPS, isThere, ofField } from "./fields.js";
 import { clearParts, markStale } from "./stale.js";
 import { keep, kept } from "./storage.js";
 
@@ -174,7 +174,7 @@ export class CaseForm {
     const show = () => {
       if (values !== this.values) return;
       const unplaced = errors.filter((error) => !rowOf(error));
-      for (const error of errors) if (rowOf(error)) showProblem(rowOf(error), inUnit(rowOf(error).field, error.detail));
+      for (const error of errors) if (rowOf(error)) showProblem(rowOf(error), ofField(rowOf(error).field, error.detail));
       this.clear(unplaced.map((error) => error.detail).join(" "));
     };
     const typed = this.rows.find(({ input }) => input === document.activeElement && input.type === "text");

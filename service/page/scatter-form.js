@@ -2,10 +2,8 @@
 
 import { element, showText } from "./elements.js";
 import { buildRow, showProblem } from "./field-row.js";
-import { fieldOf, shownNumber, withUnit } from "./fields.js";
+import { fieldOf, shownNumber } from "./fields.js";
 import { DISTRIBUTIONS, NOTES, centreOf, inputField, parametersOf, scatterFields, usualInput, usualInputs } from "./scatter.js";
-
-const NUMBER = /-?\d+(?:\.\d+)?(?:e[+-]?\d+)?/g; // an error of a distribution has numbers in SI, without their unit
 
 /** The form. */
 export class ScatterForm {
@@ -133,7 +131,7 @@ export class ScatterForm {
       const group = pointer.startsWith("/uncertain/") && this.groups[index];
       if (!group) return true;
       const row = group.rows.find(({ field }) => names.includes(field.name));
-      if (row) showProblem(row, detail.replaceAll(NUMBER, (number) => withUnit(shownNumber(row.field, Number(number)), row.field.unit)));
+      if (row) showProblem(row, detail);
       else {
         showText(group.problem, detail);
         group.problem.hidden = false;

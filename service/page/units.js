@@ -48,9 +48,9 @@ export function areUs() {
   return isUs;
 }
 
-/** Add the units shown to the body of a request, so that the texts of its answer use them. */
+/** Add the units shown to the body of a request, so that the texts of its answer or its refusal use them. */
 export function inUnits(body) {
-  return isUs ? { ...body, units: "us" } : body;
+  return { ...body, units: isUs ? "us" : "si" };
 }
 
 /** Return the unit shown for a unit of SI, and its factor to the unit without prefix: 1e-3 for mm. */

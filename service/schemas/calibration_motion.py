@@ -257,7 +257,7 @@ class MotionCalibrationRequest(Calibration):
         try:
             used = _used(run.history, until, greatest is not MISSING and greatest)
         except ParameterError as error:
-            raise ParameterError(f"runs.{index}.{error.field}", error.requirement) from None
+            raise error.at(f"runs.{index}.{error.field}") from None
         return MotionRun(impact=run.impact.to_solver(), history=used, weights=weights.to_solver())
 
     @property
@@ -281,8 +281,8 @@ class MotionCalibrationRequest(Calibration):
         The solver does not number a single run, which the request may list as `runs.0`.
         """
         if self.several and error.field.startswith(("history.", "weights")):
-            return ParameterError(f"runs.0.{error.field}", error.requirement)
-        return ParameterError("runs", error.requirement) if self.several and error.field == "history" else error
+            return error.at(f"runs.0.{error.field}")
+        return error.at("runs") if self.several and error.field == "history" else error
 
     def arguments(self) -> tuple[dict[str, Any], tuple[float, ...], list[FloatArray]]:
         """Return the arguments of `fit_decay_laws`, the strength factors to compare, and the times of their motions.

@@ -9,17 +9,15 @@ from typing import Any
 from pydantic import BaseModel
 
 from service import schemas
-from service.columns import unit_end, unit_of
+from service.columns import shown_in, unit_end
 from service.schemas.batches import MOST_CASES, MOST_LINES
 from service.schemas.similar_names import SOUGHT, field_names, meant_as
 from service.schemas.sweeps import schema_of
-from service.schemas.wording import UNKNOWN, worded
+from service.schemas.wording import UNKNOWN, out_of_bounds, worded
 from solver.checks import BOUNDS, ParameterError, require_bounds
 
-OUT_OF_BOUNDS = {"greater_than", "greater_than_equal", "less_than", "less_than_equal"}
-"""Types of the errors of numbers outside their bounds."""
-ITEM = re.compile(r"(/\d+)+$")
-"""Indices at the end of a JSON pointer. They are removed, as an item has the unit of its list."""
+ITEM = re.compile(r"(\.\d+)+$")
+"""Indices at the end of the path of a field. They are removed, as an item has the unit of its list."""
 LONGEST_MISSPELT = 200
 """Longest pointer for which a similar field is suggested [characters]: difflib takes longer for longer names. No
 pointer of the contract is half as long."""
@@ -37,15 +35,16 @@ def explained(pointer: str, error: Mapping[str, Any], *, suggest: bool = True) -
         return worded(error) + (suggestion(pointer) if suggest and len(pointer) <= LONGEST_MISSPELT else "")
     if error["type"] == "too_long" and pointer == "/cases":
         return f"may have {MOST_CASES:,} cases at most; send JSON lines (`application/jsonl`), up to {MOST_LINES:,}"
-    if error["type"] not in OUT_OF_BOUNDS:
+    name = pointer.strip("/").replace("/", ".")
+    if out_of_bounds(error, "") is None:
         return worded(error)
-    field = pointer.strip("/").replace("/", ".").removesuffix(unit_end(pointer))
+    field = name.removesuffix(unit_end(name))
     try:
         if field in BOUNDS:
             require_bounds(field, error["input"])
     except ParameterError as bound:
         return bound.requirement
-    return worded(error, unit_of(ITEM.sub("", pointer)))
+    return worded(error, shown_in(ITEM.sub("", name)))
 
 
 def suggestion(pointer: str) -> str:

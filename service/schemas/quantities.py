@@ -37,11 +37,17 @@ Units = Annotated[
     UnitSystem,
     Field(
         exclude_if=lambda units: units is UnitSystem.SI,
-        description="Units of the quantities in the texts of the answer, such as warnings: SI, or US customary units. "
-        "Fields are in SI units.",
+        description="Units of the quantities in texts, such as warnings: SI (mm, MPa) or US customary units (in, psi). "
+        "Fields are in SI units (m, Pa), and so are the quantities in the errors of a request without this field.",
     ),
 ]
 """Field of a request that selects the units in the texts of the answer."""
+
+
+def named_units(content: Any) -> UnitSystem | None:
+    """Return the units that a request names, which may be wrong in any other way; None if it names none."""
+    units = content.get("units") if isinstance(content, dict) else None
+    return UnitSystem(units) if isinstance(units, str) and units in set(UnitSystem) else None
 
 
 def _whole(value: Any) -> Any:

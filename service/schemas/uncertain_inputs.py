@@ -8,12 +8,13 @@ from typing import Annotated, Any, ClassVar, Literal, cast
 from pydantic import MISSING, BaseModel, Field, StringConstraints, ValidationError
 from typing_extensions import TypeAliasType
 
+from service.columns import shown_in
 from service.schemas.fields import walk
 from service.schemas.quantities import Num, Part, SolverPart, with_examples
 from service.schemas.requests import Case
 from service.schemas.resistance import STRENGTH_FACTORS, FreeSurface, Resistance
 from service.schemas.sweeps import check_field, put
-from service.schemas.wording import worded
+from service.schemas.wording import out_of_bounds, worded
 from solver import ParameterError
 from solver.projectile import mass_properties
 from solver.resistance import StrengthFactor
@@ -317,7 +318,7 @@ def inputs_of(uncertain: Sequence[UncertainInput], model: type[BaseModel], base:
         try:
             distribution = each.distribution.to_solver()
         except ParameterError as error:
-            raise ParameterError(f"{place}.{error.field}", error.requirement) from None
+            raise error.at(f"{place}.{error.field}", unit=shown_in(each.field)) from None
         names = isinstance(distribution, Discrete) and isinstance(distribution.values[0], str)
         if names and each.field not in MODELS:
             raise ParameterError(f"{place}.distribution.values", f"must be numbers, but for {' and '.join(MODELS)}")
@@ -390,7 +391,9 @@ def _check(model: Any, base: Mapping[str, Any], field: str, value: float) -> Non
     try:
         model.model_validate(with_values(base, [field], [value])).arguments()
     except ValidationError as error:
-        raise ParameterError(field, worded(error.errors()[0])) from None
+        [first, *_] = error.errors()
+        condition, *amounts = out_of_bounds(first, shown_in(field)) or (worded(first),)
+        raise ParameterError(field, condition, *amounts) from None
 
 
 def accepts(

@@ -4,10 +4,14 @@ import re
 from collections.abc import Mapping, Sized
 from typing import Any
 
+from solver.units import Amount
+
 UNKNOWN = "extra_forbidden"
 """Type of pydantic's error for an unknown field."""
 LONGEST_SHOWN = 40
 """Largest number of characters of a text, and of digits of a number, that a message quotes: about half a line."""
+DIGITS, COUNT_DIGITS = 12, 16
+"""Largest number of significant digits of a quantity and of a count in a message. [1]"""
 PHRASES = {
     "missing": "is missing",
     UNKNOWN: "unknown field",
@@ -28,6 +32,13 @@ EXPECTED = {
     "tuple_type": "a list",
 }
 """Expected kind of value, keyed by the type of a pydantic error whose message names a Python type."""
+BOUNDS = {
+    "greater_than": ("greater than", "gt"),
+    "greater_than_equal": ("greater than or equal to", "ge"),
+    "less_than": ("less than", "lt"),
+    "less_than_equal": ("less than or equal to", "le"),
+}
+"""Words for a bound by the type of pydantic's error for a number outside it, with the name of the bound there."""
 LENGTH = re.compile(r"\w+ should have (.*?)(?: after validation.*)?")
 
 
@@ -37,8 +48,14 @@ def worded(error: Mapping[str, Any], unit: str = "") -> str:
     Parameters
     ----------
     unit
-        Unit of the value and of its bounds.
+        SI unit in which texts show the value and its bounds.
     """
+    condition, *amounts = out_of_bounds(error, unit) or (_worded(error),)
+    return condition.format(*amounts) if amounts else condition
+
+
+def _worded(error: Mapping[str, Any]) -> str:
+    """Return the message for an error that no bound is part of."""
     kind, text = str(error["type"]), str(error["msg"]).removeprefix("Value error, ")
     if kind in PHRASES:
         return PHRASES[kind]
@@ -47,13 +64,30 @@ def worded(error: Mapping[str, Any], unit: str = "") -> str:
     if kind == "float_type" and isinstance(error["input"], int) and not isinstance(error["input"], bool):
         # Pydantic reports an integer beyond the range of float64 as no number at all.
         return f"must be a finite number, got {shown(error['input'])}"
-    space = unit if unit == "°" else f" {unit}".rstrip()
     if kind in EXPECTED or text.startswith("Input should be "):
         wanted = EXPECTED.get(kind) or text.removeprefix("Input should be ").replace("a valid ", "a ")
-        return f"must be {wanted}{space}, got {shown(error['input'])}{space}"
+        return f"must be {wanted}, got {shown(error['input'])}"
     if found := LENGTH.fullmatch(text):
         return f"must have {found[1]}" + (f", got {len(error['input'])}" if isinstance(error["input"], Sized) else "")
     return text
+
+
+def out_of_bounds(error: Mapping[str, Any], unit: str) -> tuple[str, Amount, Amount] | None:
+    """Return the condition and amounts of a `ParameterError` for a number outside a bound; None for another error.
+
+    Parameters
+    ----------
+    unit
+        SI unit in which texts show the number.
+    """
+    words, name = BOUNDS.get(error["type"], ("", ""))
+    value = error["input"]
+    if not words or isinstance(value, str) or (isinstance(value, int) and abs(value) >= 10**LONGEST_SHOWN):
+        return None  # A text is the value of a query parameter, and a long number is not shown.
+    bound = error["ctx"][name]
+    # The bounds of counts may have more digits than those of quantities, and are shown with all of them.
+    digits = COUNT_DIGITS if isinstance(bound, int) else DIGITS
+    return f"must be {words} {{}}, got {{}}", Amount(bound, unit, digits), Amount(value, unit, digits)
 
 
 def tag_worded(context: Mapping[str, str]) -> str:
@@ -73,7 +107,7 @@ def shown(value: Any) -> str:
     if value is None or isinstance(value, bool):
         return {None: "null", True: "true", False: "false"}[value]
     if isinstance(value, float):
-        return f"{value:.12g}"  # The bounds in the message have no more digits, and 95.0 becomes 95 as in a bound.
+        return f"{value:.{DIGITS}g}"  # A bound has no more digits, and 95.0 becomes 95 as there.
     if isinstance(value, int) and abs(value) >= 10**LONGEST_SHOWN:
         return f"a number of {len(str(abs(value)))} digits"
     return repr(value[:LONGEST_SHOWN] + "..." if isinstance(value, str) and len(value) > LONGEST_SHOWN else value)

@@ -344,7 +344,7 @@ def _posterior(tests: Sequence[DepthTest], shots: _Shots) -> StrengthPosterior:
             crater=shots.resistance.crater,
         )
     except ParameterError as error:
-        raise ParameterError(error.field.replace(f"{FIELD}.shots", "tests"), error.requirement) from None
+        raise error.at(error.field.replace(f"{FIELD}.shots", "tests")) from None
 
 
 def _first_look(residuals: Residuals) -> float:

@@ -13,6 +13,7 @@ from solver.projectile import Projectile, mass_properties
 from solver.resistance import ConstantStrengthFactor, Resistance, usual_unless_given
 from solver.strike import Impact, Numerics, ResolvedNumerics
 from solver.target import Target
+from solver.units import Amount
 
 QUANTITIES: Final = ("depth_displacement", "lateral_displacement", "rotation")
 """Names of the quantities of a history."""
@@ -171,13 +172,15 @@ def check_reach(projectile: Projectile, impact: Impact, history: MotionHistory) 
         if beyond.any():
             row = int(np.argmax(beyond))
             most, found = (
-                f"{math.degrees(each):.4g}°" if q == "rotation" else f"{each:.3g} m"
-                for each in (bound[row], values[row])
+                Amount(math.degrees(each), "°", 4) if q == "rotation" else Amount(each, "mm", 3)
+                for each in (float(bound[row]), float(values[row]))
             )
             raise ParameterError(
                 f"history.{q}.{row}",
-                f"must be within {most} at {history.time[row]:g} s, which is as far as the energy of the strike "
-                f"allows, got {found}: check the units",
+                f"must be within {{}} at {history.time[row]:g} s, which is as far as the energy of the strike allows, "
+                "got {}: check the units",
+                most,
+                found,
             )
 
 

@@ -291,7 +291,7 @@ def _field_prefix(prefix: str) -> Iterator[None]:
         yield
     except ParameterError as error:
         if error.field.startswith(("history", "weights")):
-            raise ParameterError(prefix + error.field, error.requirement) from None
+            raise error.at(prefix + error.field) from None
         raise
 
 

@@ -14,6 +14,7 @@ from numpy.polynomial.legendre import leggauss
 from solver.arrays import FloatArray
 from solver.checks import plain, require, require_finite, require_positive
 from solver.resistance import student_dispersion
+from solver.units import Amount
 
 FIELD = "distribution"
 """Name of a distribution in errors."""
@@ -63,10 +64,10 @@ def _spread(mean: float, deviation: float | None, variation: float | None) -> fl
     given = (deviation is None) + (variation is None) == 1
     require(given, f"{FIELD}.standard_deviation", "must be given, or else coefficient_of_variation, but not both")
     if deviation is not None:
-        require_positive(f"{FIELD}.standard_deviation", deviation)
+        require_positive(f"{FIELD}.standard_deviation", deviation, None)
         return deviation
     assert variation is not None  # noqa: S101 (one of both)
-    require_positive(f"{FIELD}.coefficient_of_variation", variation)
+    require_positive(f"{FIELD}.coefficient_of_variation", variation, "%")
     require(mean != 0.0, f"{FIELD}.coefficient_of_variation", "needs a mean other than 0; give standard_deviation")
     return variation * abs(mean)
 
@@ -74,6 +75,11 @@ def _spread(mean: float, deviation: float | None, variation: float | None) -> fl
 def _spread_name(deviation: float | None) -> str:
     """Return the name of the parameter that was given for the spread."""
     return "coefficient_of_variation" if deviation is None else "standard_deviation"
+
+
+def _require_order(name: str, holds: bool, words: str, other: float) -> None:
+    """Raise `ParameterError` unless a parameter `holds` its place beside another one of the distribution."""
+    require(holds, f"{FIELD}.{name}", f"must be {words}, {{}}", Amount(other, None))
 
 
 def _require_finite_spread(name: str, middle: float, deviation: float) -> None:
@@ -145,10 +151,10 @@ class TruncatedNormal:
         require(not (self.lower is None and self.upper is None), f"{FIELD}.lower", "must be given, or else upper")
         if self.lower is not None:
             require_finite(f"{FIELD}.lower", self.lower)
-            require(self.lower < self.mean, f"{FIELD}.lower", f"must be below the mean, {self.mean:g}")
+            _require_order("lower", self.lower < self.mean, "below the mean", self.mean)
         if self.upper is not None:
             require_finite(f"{FIELD}.upper", self.upper)
-            require(self.upper > self.mean, f"{FIELD}.upper", f"must be above the mean, {self.mean:g}")
+            _require_order("upper", self.upper > self.mean, "above the mean", self.mean)
 
     @property
     def _deviation(self) -> float:
@@ -210,7 +216,7 @@ class Lognormal:
         by_mean = (self.mean, self.standard_deviation, self.coefficient_of_variation)
         if self.median is not None:
             require(not any(each is not None for each in by_mean), f"{FIELD}.mean", "must not be given with median")
-            require_positive(f"{FIELD}.median", self.median)
+            require_positive(f"{FIELD}.median", self.median, None)
             require(self.dispersion is not None, f"{FIELD}.dispersion", "must be given with median")
             assert self.dispersion is not None  # noqa: S101 (just required)
             require_positive(f"{FIELD}.dispersion", self.dispersion)
@@ -221,7 +227,7 @@ class Lognormal:
         require(self.dispersion is None, f"{FIELD}.median", "must be given with dispersion")
         require(self.mean is not None, f"{FIELD}.median", "must be given with dispersion, or else mean")
         assert self.mean is not None  # noqa: S101 (just required)
-        require_positive(f"{FIELD}.mean", self.mean)
+        require_positive(f"{FIELD}.mean", self.mean, None)
         variation = _spread(self.mean, self.standard_deviation, self.coefficient_of_variation) / self.mean
         most = math.sqrt(math.expm1(LARGEST_DISPERSION**2))
         field = f"{FIELD}.{_spread_name(self.standard_deviation)}"
@@ -298,7 +304,7 @@ class LogStudentT:
     upper: float | None = None
 
     def __post_init__(self) -> None:
-        require_positive(f"{FIELD}.median", self.median)
+        require_positive(f"{FIELD}.median", self.median, None)
         require_positive(f"{FIELD}.scale", self.scale)
         largest = f"must be at most {LARGEST_DISPERSION:g}, got {self.scale:g}"
         require(self.scale <= LARGEST_DISPERSION, f"{FIELD}.scale", largest)
@@ -306,11 +312,11 @@ class LogStudentT:
         inside = low <= self.degrees_of_freedom <= high
         require(inside, f"{FIELD}.degrees_of_freedom", f"must be between {low:g} and {high:g}")
         if self.lower is not None:
-            require_positive(f"{FIELD}.lower", self.lower)
-            require(self.lower < self.median, f"{FIELD}.lower", f"must be below the median, {self.median:g}")
+            require_positive(f"{FIELD}.lower", self.lower, None)
+            _require_order("lower", self.lower < self.median, "below the median", self.median)
         if self.upper is not None:
             require_finite(f"{FIELD}.upper", self.upper)
-            require(self.upper > self.median, f"{FIELD}.upper", f"must be above the median, {self.median:g}")
+            _require_order("upper", self.upper > self.median, "above the median", self.median)
         if self.lower is None or self.upper is None:
             reach = abs(math.log(self.median)) + self.scale * abs(self._quantile(TINY))
             finite = reach <= math.log(sys.float_info.max)
@@ -369,7 +375,7 @@ class Uniform:
     def __post_init__(self) -> None:
         require_finite(f"{FIELD}.lower", self.lower)
         require_finite(f"{FIELD}.upper", self.upper)
-        require(self.upper > self.lower, f"{FIELD}.upper", f"must be above the lower bound, {self.lower:g}")
+        _require_order("upper", self.upper > self.lower, "above the lower bound", self.lower)
 
     def standard(self, u: FloatArray) -> FloatArray:
         """Return the position between the bounds, from -1 to 1, at given probabilities."""
@@ -397,9 +403,10 @@ class Triangular:
     def __post_init__(self) -> None:
         for name in ("lower", "mode", "upper"):
             require_finite(f"{FIELD}.{name}", getattr(self, name))
-        require(self.upper > self.lower, f"{FIELD}.upper", f"must be above the lower bound, {self.lower:g}")
+        _require_order("upper", self.upper > self.lower, "above the lower bound", self.lower)
         inside = self.lower <= self.mode <= self.upper
-        require(inside, f"{FIELD}.mode", f"must be between the bounds, {self.lower:g} and {self.upper:g}")
+        bounds = Amount(self.lower, None, bare=True), Amount(self.upper, None)
+        require(inside, f"{FIELD}.mode", "must be between the bounds, {} and {}", *bounds)
 
     @property
     def _peak(self) -> float:

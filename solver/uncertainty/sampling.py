@@ -134,7 +134,7 @@ def check_values(index: int, uncertain: Uncertain, check: Callable[[Any], object
             check(value)
         except ParameterError as error:
             field = f"uncertain.{index}.distribution.{name}"
-            raise ParameterError(field, f"is no value of {uncertain.field!r}: {error.requirement}") from None
+            raise error.at(field, before=f"is no value of {uncertain.field!r}: ") from None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -27,7 +27,7 @@ from solver.strike import Impact, Numerics
 from solver.target import Crater, ShearPlug, Target
 from solver.trajectory import simulate
 from solver.uncertainty.strikes import scaled
-from solver.units import fixed, quantity, rounded, with_symbol
+from solver.units import Amount, fixed, quantity, rounded, with_symbol
 from solver.warnings import ModelWarning
 
 Question: TypeAlias = Literal["perforation", "scabbing"]
@@ -259,7 +259,9 @@ def judge_wall(
         require(
             characteristic <= target.compressive_strength,
             "target.characteristic_strength",
-            f"must be at most the compressive strength, which is the mean, {target.compressive_strength / 1e6:g} MPa",
+            "must be at most the compressive strength, which is the mean, {}, got {}",
+            Amount(target.compressive_strength, "MPa"),
+            Amount(characteristic, "MPa"),
         )
 
     def searched(motion: Impact, law: Resistance) -> PerforationLimit:

@@ -68,7 +68,74 @@ def test_unknown_system_of_units_is_refused_with_the_choices(client: httpx.Clien
     assert response.json()["errors"] == [{"pointer": "/units", "detail": "must be 'si' or 'us', got 'imperial'"}]
 
 
-def test_alternatives_are_shared_by_requests_in_all_units(client: httpx.Client) -> None:
+SHORT: dict[str, Any] = STRIKE | {"projectile": CASE["projectile"] | {"length_m": 0.1}}
+LOWER = {"type": "truncated_normal", "mean": 820.0, "standard_deviation": 9.0, "lower": 900.0}
+REFUSED: dict[str, tuple[str, dict[str, Any], list[str]]] = {
+    "found by the solver": (
+        "/trajectory",
+        SHORT,
+        [
+            "must be at least the length of the nose, 0.132665 m, got 0.1 m",
+            "must be at least the length of the nose, 132.665 mm, got 100 mm",
+            "must be at least the length of the nose, 5.22303 in, got 3.93701 in",
+        ],
+    ),
+    "outside its bounds, and the body is wrong elsewhere too": (
+        "/wall",
+        WALL | {"target": CONCRETE | {"youngs_modulus_pa": 2e12}, "impact": "fast"},
+        [
+            "must be 1000000 to 1e12 Pa, got 2e12 Pa",
+            "must be 0.001 to 1000 GPa, got 2000 GPa",
+            "must be 0.145038 to 145038 ksi, got 290075 ksi",
+        ],
+    ),
+    "in a list": (
+        "/formulas",
+        STRIKE
+        | {"projectile": CASE["projectile"] | {"nose": {"shape": "profile", "points": [[0.0, 0.0], [25.0, 0.04]]}}},
+        [
+            "must be less than or equal to 20 m, got 25 m",
+            "must be less than or equal to 20000 mm, got 25000 mm",
+            "must be less than or equal to 787.402 in, got 984.252 in",
+        ],
+    ),
+    "parameter of a distribution": (
+        "/trajectory/uncertainty",
+        STRIKE | {"uncertain": [{"field": "impact.velocity_m_s", "distribution": LOWER}]},
+        ["must be below the mean, 820 m/s", "must be below the mean, 820 m/s", "must be below the mean, 2690.29 ft/s"],
+    ),
+    "parameter that is no value of the field": (
+        "/trajectory/uncertainty",
+        STRIKE | {"uncertain": [{"field": "target.compressive_strength_pa", "distribution": LOWER | {"lower": 5.0}}]},
+        [
+            f"is no value of 'target.compressive_strength_pa': must be greater than or equal to {bound}"
+            for bound in ("100000 Pa, got 5 Pa", "0.1 MPa, got 5e-6 MPa", "14.5038 psi, got 0.000725189 psi")
+        ],
+    ),
+}
+"""Path, body and first message without units, in SI and in US customary units, of refused requests."""
+
+
+@pytest.mark.parametrize("kind", REFUSED)
+def test_refusals_are_in_the_units_that_the_request_names(client: httpx.Client, kind: str) -> None:
+    """Without units the quantities are in the units of the fields, and in those of other texts with them."""
+    path, body, messages = REFUSED[kind]
+    for units, message in zip(({}, {"units": "si"}, {"units": "us"}), messages, strict=True):
+        refused = client.post(path, json=body | units)
+        assert refused.status_code == 422
+        problem = refused.json()
+        assert problem["errors"][0]["detail"] == message
+        assert message in problem["detail"]
+
+
+def test_units_that_are_no_system_leave_refusals_in_those_of_the_fields(client: httpx.Client) -> None:
+    body = STRIKE | {"impact": {"velocity_m_s": 2e4, "oblique_angle_deg": 5.0}}
+    for units in ("imperial", 3, None, ["us"]):
+        errors = client.post("/trajectory", json=body | {"units": units}).json()["errors"]
+        assert errors[0]["detail"] == "must be 0.1 to 10000 m/s, got 20000 m/s"
+
+
+def test_alternatives_are_the_same_results_in_all_units(client: httpx.Client) -> None:
     body = SEARCH | {"alternatives": True, "output": {}}
     si, us = (client.post("/cra", json=body | units).json() for units in ({}, {"units": "us"}))
     assert compare(si["alternatives"], us["alternatives"]) > 0

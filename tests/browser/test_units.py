@@ -3,13 +3,14 @@
 import re
 
 import httpx
+import pytest
 from playwright.sync_api import Page, expect
 
 from service.schemas.strike import PAPER
 from solver.units import PSI
 from tests.quantities_in_texts import SI
 
-from .conftest import NewPage
+from .conftest import NewPage, expected
 
 COARSE = "search.lower_deg=44&search.upper_deg=54&search.tolerance_deg=0.5"
 
@@ -58,7 +59,58 @@ def test_default_in_an_empty_field_uses_the_units_shown(page: Page) -> None:
     expect(field).to_have_attribute("placeholder", f"{1.2e9 / PSI:.0f}")
 
 
-def test_link_keeps_the_units_of_its_sender(new_page: NewPage) -> None:
+NOSE = 0.132665
+"""Length of the nose of the paper's projectile. [m]"""
+OUT_OF_RANGE = [
+    ("Length", "mm", "50", rf"Length must be at least the length of the nose, {1e3 * NOSE:g}\smm, got 50\smm"),
+    ("Length", "in", "2", rf"Length must be at least the length of the nose, {NOSE / 0.0254:.6g}\sin, got 2\sin"),
+    ("Young's modulus", "GPa", "0.05", r"Young's modulus must be greater than 0.0585\sGPa .* got 0.05\sGPa"),
+    ("Young's modulus", "ksi", "8", r"Young's modulus must be greater than 8.485\sksi .* got 8\sksi"),
+    ("Compressive strength", "MPa", "2000", r"Compressive strength must be at most 1000\sMPa"),
+    ("Compressive strength", "psi", "200000", r"Compressive strength must be at most 145038\spsi"),
+    ("Speed", "m/s", "20000", r"Speed must be at most 10000\sm/s"),
+    ("Speed", "ft/s", "50000", r"Speed must be at most 32808.4\sft/s"),
+]
+"""Label, unit and value of a field, and the message for it, of the page or of the service."""
+
+
+@pytest.mark.parametrize(("label", "unit", "value", "words"), OUT_OF_RANGE)
+def test_bounds_are_in_the_unit_of_their_field(
+    page: Page, faults: list[str], label: str, unit: str, value: str, words: str
+) -> None:
+    is_us = unit in ("in", "ksi", "psi", "ft/s")
+    page.goto(f"/#/explore?{COARSE}")
+    page.get_by_label("Units").select_option("US" if is_us else "SI")
+    expect(page.locator("[data-outcome]")).to_be_visible()
+    field = page.get_by_label(label, exact=True)
+    field.fill(value)
+    expect(field).to_have_accessible_description(re.compile(words))
+    problem = page.locator(".problem:visible")
+    expect(problem).to_have_count(1)
+    assert len(re.findall(re.escape(label), problem.inner_text())) == 1
+    if is_us:
+        assert SI.findall(problem.inner_text()) == []
+    if faults:  # the page itself refuses what is outside the bounds of the contract
+        expected(faults, "422")
+
+
+@pytest.mark.parametrize(("system", "value", "words"), [("SI", "45", r"39\sMPa"), ("US", "6000", r"5656\.47\spsi")])
+def test_bounds_of_distributions_are_in_the_unit_of_their_field(
+    page: Page, faults: list[str], system: str, value: str, words: str
+) -> None:
+    page.goto(f"/#/how-sure?{COARSE}&scatter=target.compressive_strength_pa,truncated_normal")
+    page.get_by_label("Units").select_option(system)
+    expect(page.get_by_role("region", name="Verdict")).to_contain_text("90 % range")
+    strength = page.get_by_role("group", name="Compressive strength")
+    strength.get_by_label("Coefficient of variation").fill("12")
+    strength.get_by_label("Lower").fill(value)
+    page.get_by_role("button", name="Run").click()
+    lower = strength.get_by_label("Lower")
+    expect(lower).to_have_accessible_description(re.compile(rf"must be below the mean, {words}"))
+    expected(faults, "422")
+
+
+def test_a_link_keeps_the_units_of_its_sender(new_page: NewPage) -> None:
     page = new_page()
     page.goto("/#/walls?target.thickness_m=0.4")
     page.get_by_label("Units").select_option("US")

@@ -1,6 +1,9 @@
 """Texts are written in SI or in US customary units from the same values."""
 
 import math
+import pickle
+import re
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -10,16 +13,18 @@ from solver import (
     Impact,
     ObliquityPolynomial,
     OwnTests,
+    ParameterError,
     PublishedTests,
     Resistance,
     ShearPlug,
     Shot,
+    Target,
     formulas,
     simulate,
 )
 from solver.flight import landing_sentence
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
-from solver.uncertainty import judge_wall
+from solver.uncertainty import TruncatedNormal, judge_wall
 from solver.units import UnitSystem, fixed, interval, number, quantity, rounded, system_in_use, written_in
 from tests.quantities_in_texts import check_converted
 
@@ -118,7 +123,60 @@ def test_distances_of_a_flight_are_rounded_up_in_both_systems() -> None:
     )
 
 
-def test_limits_are_rounded_towards_the_safe_side() -> None:
+REFUSED: dict[str, Callable[[], object]] = {
+    "projectile.length": lambda: replace(PAPER_PROJECTILE, length=0.1),
+    "projectile.diameter": lambda: replace(PAPER_PROJECTILE, diameter=80.0),
+    "projectile.inner_diameter": lambda: replace(PAPER_PROJECTILE, inner_diameter=0.09),
+    "target.density": lambda: replace(PAPER_TARGET, density=2.25),
+    "target.thickness": lambda: strike_into(replace(PAPER_TARGET, thickness=0.005)),
+    "target.youngs_modulus": lambda: strike_into(replace(PAPER_TARGET, youngs_modulus=3e7)),
+    "impact.velocity": lambda: Impact(velocity=2e4, oblique_angle=0.8),
+    "target.characteristic_strength": lambda: judge_wall(
+        projectile=PAPER_PROJECTILE,
+        target=replace(PAPER_TARGET, characteristic_strength=50e6),
+        impact=Impact(velocity=238.0, oblique_angle=0.0),
+    ),
+    "resistance.strength_factor.shots.0.depth": lambda: strike_into(
+        PAPER_TARGET, Resistance(strength_factor=OwnTests(shots=(Shot(velocity=238.0, depth=30.0),)))
+    ),
+}
+"""Calls with one wrong input, by its name."""
+
+
+def strike_into(target: Target, resistance: Resistance | None = None) -> object:
+    impact = Impact(velocity=238.0, oblique_angle=0.8)
+    return simulate(projectile=PAPER_PROJECTILE, target=target, impact=impact, resistance=resistance)
+
+
+@pytest.mark.parametrize("field", REFUSED)
+def test_errors_are_in_the_units_of_the_inputs_unless_a_system_is_set(field: str) -> None:
+    with pytest.raises(ParameterError) as caught:
+        REFUSED[field]()
+    error: ParameterError = pickle.loads(pickle.dumps(caught.value))  # noqa: S301 (as from a worker)
+    assert error.field == field
+    in_input_units = str(error)
+    condition, _, advice = in_input_units.partition("; ")
+    assert not re.search(r"\d (mm|[MG]Pa)\b", condition), "numbers are given without prefixes"
+    with written_in("si"):
+        in_si = str(error)
+    with written_in("us"):
+        in_us = str(error)
+    check_converted(in_si.removesuffix(advice), in_us.removesuffix(advice))
+    assert str(error) == in_input_units
+    assert error.args == (field, error.requirement)
+
+
+def test_amounts_without_a_unit_take_that_of_their_field() -> None:
+    with pytest.raises(ParameterError) as caught:
+        TruncatedNormal(mean=39e6, standard_deviation=1e6, lower=45e6)
+    error = caught.value.at("uncertain.0", before="with {braces} ", unit="MPa")
+    assert str(caught.value) == "distribution.lower: must be below the mean, 3.9e7"
+    assert str(error) == "uncertain.0: with {braces} must be below the mean, 3.9e7 Pa"
+    with written_in("si"):
+        assert str(error) == "uncertain.0: with {braces} must be below the mean, 39 MPa"
+
+
+def test_limits_are_rounded_to_the_safe_side() -> None:
     assert rounded(0.3001, "mm", math.ceil) == "301"
     assert rounded(0.3, "mm", math.ceil) == "300", "what rounding errors add is not another millimetre"
     assert rounded(238.9, "m/s", math.floor) == "238"

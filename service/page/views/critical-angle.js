@@ -18,6 +18,7 @@ import { computeRun } from "../run.js";
 import { request } from "../service.js";
 import { drawSideView } from "../side-view.js";
 import { markFresh, markStale } from "../stale.js";
+import { inUnits } from "../units.js";
 import { Verdict } from "../verdict.js";
 import { outcomeShown } from "../words.js";
 
@@ -140,7 +141,7 @@ async function showSearches(root, values, signal) {
   const part = (name) => root.querySelector(name);
   const answers = {};
   for (const method of Object.keys(searches())) {
-    answers[method] = (await request("cra", { body: angleRequest(values, searchOf(values, method)), signal })).data;
+    answers[method] = (await request("cra", { body: inUnits(angleRequest(values, searchOf(values, method))), signal })).data;
   }
   if (signal.aborted) return;
   part(".summary").replaceChildren(summary(answers));
