@@ -19,6 +19,7 @@ from service.schemas.requests import Case
 from service.schemas.sweeps import AxisError, Grid, Outline
 from service.schemas.wording import UNKNOWN
 from solver import IntegrationError, ParameterError, StepLimitError
+from solver.units import whole_number
 
 Model = TypeVar("Model", bound=BaseModel)
 log = logging.getLogger(__name__)
@@ -122,7 +123,8 @@ class JobsTooLargeError(QueueFullError):
     retry_after = 60
 
     def __init__(self, limit: int) -> None:
-        ServiceError.__init__(self, f"the unfinished jobs of one owner may take {limit:,} bytes; let some end first")
+        most = whole_number(limit)
+        ServiceError.__init__(self, f"the unfinished jobs of one owner may take {most} bytes; let some end first")
 
 
 class QueriesWaitingError(QueueFullError):
@@ -160,7 +162,8 @@ class QuotaError(ServiceError):
     title = "The quota of the key is used up"
 
     def __init__(self, most: int, count: int, left: int, retry_after: int) -> None:
-        super().__init__(f"{count:,} cases exceed the {left:,} that are left of the {most:,} an hour of this key")
+        asked, rest, quota = map(whole_number, (count, left, most))
+        super().__init__(f"{asked} cases exceed the {rest} that are left of the {quota} an hour of this key")
         self.retry_after = retry_after
 
 
@@ -183,8 +186,8 @@ class QuotaTooSmallError(QuotaError):
     def __init__(self, most: int, count: int) -> None:
         ServiceError.__init__(
             self,
-            f"the request has at least {count:,} cases, of which this key may have {most:,} an hour; "
-            "send fewer at a time",
+            f"the request has at least {whole_number(count)} cases, of which this key may have {whole_number(most)} an "
+            "hour; send fewer at a time",
         )
 
 

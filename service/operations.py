@@ -71,7 +71,7 @@ from solver.calibration import fit_decay_laws, fit_depth, fit_obliquity, penetra
 from solver.search.trials import LAST_POINTS, LAST_STATIONS, LAST_TOLERANCE
 from solver.strike import SEARCH_STATIONS
 from solver.uncertainty import Crossings, Ending, compute_study, judge_wall
-from solver.units import written_in
+from solver.units import whole_number, written_in
 
 SCHEMA_VERSION = "1"
 """Version of the requests. It is part of every key, and is raised when the meaning of a request changes, so that older
@@ -574,8 +574,8 @@ CRITICAL_ANGLE_UNCERTAINTY = Operation(
     CriticalAngleUncertaintyAnswer,
     route="estimate_critical_angle",
     description="Estimate the probability of ricochet over the oblique angle, and the sensitivity of the critical "
-    f"angle to its inputs.\n\nUp to {MOST_SAMPLES_OF_A_REQUEST:,} searches, each a case that is kept and counted like "
-    "any other; a request that is sent again is\nanswered from the cache. "
+    f"angle to its inputs.\n\nUp to {whole_number(MOST_SAMPLES_OF_A_REQUEST)} searches, each a case that is kept and "
+    "counted like any other; a request that is sent again is\nanswered from the cache. "
     "`max_samples` above 16,384 (unless the service is configured otherwise) or `Prefer:\n"
     "respond-async` creates a job, which counts as `max_samples` cases until it ends, then as the samples it has "
     "taken. A\nsample outside the accepted range counts as unknown and widens the intervals.",

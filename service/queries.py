@@ -25,6 +25,7 @@ from service.workers import Call, CallResult
 from service.workers.executor import Executor
 from service.workers.worker import close_chunk, compute_case, compute_single
 from solver import ParameterError
+from solver.units import Amount
 from solver.warnings import IMPLAUSIBLE
 
 MEMORY_SECONDS = 30.0
@@ -54,8 +55,10 @@ def check_work(case: Any, most: float) -> None:
     if work > most:
         raise ParameterError(
             "numerics.panels",
-            f"times the termination time over `time_step_s` must be at most {most:g}, got {work:g}: take fewer panels, "
-            "longer steps or an earlier end",
+            "times the termination time over `time_step_s` must be at most {}, got {}: take fewer panels, longer steps "
+            "or an earlier end",
+            Amount(most, ""),
+            Amount(work, ""),
         )
 
 

@@ -79,7 +79,7 @@ from solver.warnings import ModelWarning
 
 # A cached result is used only by the version that computed it. A new version is due whenever any part of a result
 # changes, including the text of a warning.
-ENGINE_VERSION = "15"
+ENGINE_VERSION = "16"
 """Version of the results of this package; cached results of another version are not used."""
 
 __all__ = [

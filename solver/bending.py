@@ -20,6 +20,7 @@ from solver.loads import MOST_STATES, Scratch, build_quadrature, make_scratch, w
 from solver.motion import Model, accelerate
 from solver.projectile import Arc, MassProperties, Projectile, mass_properties
 from solver.surface import LINE, Body, Panels, build_body
+from solver.units import fixed, quantity, with_symbol
 
 # A parabola gives the peak between two cross-sections. For the paper's body it is within 0.5 % of the peak found with
 # 200 slices.
@@ -84,8 +85,8 @@ class Bending:
     """Largest bending stress over time; None if the run has no history."""
 
     def __str__(self) -> str:
-        place, time = 1e3 * self.distance_behind_tip, 1e3 * self.time
-        return f"{self.peak_stress / 1e6:.4g} MPa, {place:.0f} mm behind the tip, after {time:.2f} ms"
+        place = with_symbol(fixed(self.distance_behind_tip, "mm"), "mm")
+        return f"{quantity(self.peak_stress, 'MPa')}, {place} behind the tip, after {1e3 * self.time:.2f} ms"
 
 
 class _Beam(NamedTuple):

@@ -18,7 +18,7 @@ from functools import wraps
 from inspect import getfullargspec, isfunction
 from typing import Any, NamedTuple, TypeVar, get_args
 
-from solver.units import Amount
+from solver.units import AMOUNT_DIGITS, WHOLE_DIGITS, Amount
 
 Row = TypeVar("Row")
 
@@ -185,7 +185,7 @@ def require_between(field: str, value: float, lower: float, upper: float) -> Non
         math.isfinite(value) and lower <= value <= upper,
         field,
         "must be between {} and {}, got {}",
-        *(Amount(each, "") for each in (lower, upper, value)),
+        *(Amount(each, "", WHOLE_DIGITS if isinstance(each, int) else AMOUNT_DIGITS) for each in (lower, upper, value)),
     )
 
 

@@ -8,7 +8,7 @@ from solver.arrays import FloatArray
 from solver.checks import ParameterError, require_between, require_bounds
 from solver.prepared import Exit
 from solver.projectile import Projectile, solid_properties
-from solver.units import shown_unit, with_symbol
+from solver.units import shown_unit, whole_number, with_symbol
 
 AIR_DENSITY = 1.225
 """Density of air at sea level, International Standard Atmosphere (ISO 2533:1975). [kg/m³]"""
@@ -272,7 +272,7 @@ def _rounded_up(distance: float) -> str:
     """Format a distance [m] rounded up to whole metres or feet, or to tens of them above 100."""
     shown = distance * shown_unit("m").factor
     step = 10 if shown > 100.0 else 1
-    return with_symbol(f"{math.ceil(shown / step) * step:,}", "m")
+    return with_symbol(whole_number(math.ceil(shown / step) * step), "m")
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,6 +28,7 @@ from solver.resistance import Resistance, usual_unless_given
 from solver.strike import USUAL, Impact, Numerics, usual_termination_time
 from solver.target import Target
 from solver.trajectory import run_warnings
+from solver.units import quantity
 from solver.warnings import DEEPER_THAN_WALL, TUMBLING, UNDECIDED, ModelWarning, decided_by_time, undecided
 
 # Real projectiles penetrate far less. A body that not even this wall stops is reported as always perforating.
@@ -135,7 +136,7 @@ class PerforationLimit:
     def _summary(self) -> str:
         name, unit = ("least thickness", "m") if self.quantity == "thickness" else ("limit velocity", "m/s")
         status = self.status.replace("_", " ")
-        return f"no {name}, {status}" if self.value is None else f"{name} {self.value:.4g} {unit}"
+        return f"no {name}, {status}" if self.value is None else f"{name} {quantity(self.value, unit)}"
 
     def __repr__(self) -> str:
         return line(self, self._summary(), f"{len(self.iterations)} trials")
@@ -144,7 +145,7 @@ class PerforationLimit:
         unit = "m" if self.quantity == "thickness" else "m/s"
         rows = {
             "status": self.status.replace("_", " "),
-            "bracket": "" if self.bracket is None else " to ".join(f"{value:.5g} {unit}" for value in self.bracket),
+            "bracket": "" if self.bracket is None else " to ".join(quantity(value, unit, 5) for value in self.bracket),
             "trials": str(len(self.iterations)),
         }
         return card(self._summary(), rows, self.warnings)

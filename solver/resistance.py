@@ -28,7 +28,7 @@ from solver.checks import (
 from solver.free_surface import ElasticPlastic, FreeSurface
 from solver.projectile import GAUSS_POINTS, Profile, Projectile
 from solver.target import MOST_PLUG, Crater, ShearPlug, Target
-from solver.units import Amount
+from solver.units import Amount, number
 
 FIELD = "resistance.strength_factor"
 """Dotted name of the strength factor in errors."""
@@ -515,7 +515,8 @@ class OwnTests:
     def __post_init__(self) -> None:
         object.__setattr__(self, "shots", tuple(rows_of(f"{FIELD}.shots", self.shots, Shot)))
         count = len(self.shots)
-        require(1 <= count <= MOST_SHOTS, f"{FIELD}.shots", f"must hold 1 to {MOST_SHOTS:,} shots, got {count:,}")
+        amounts = Amount(MOST_SHOTS, ""), Amount(count, "")
+        require(1 <= count <= MOST_SHOTS, f"{FIELD}.shots", "must hold 1 to {} shots, got {}", *amounts)
         for index, shot in enumerate(self.shots):
             for like in ("impact.velocity", "shot.depth", "projectile.mass", "projectile.diameter"):
                 name = like.split(".")[1]
@@ -615,10 +616,11 @@ def _posterior(
             slip, corrected = _likely_slip(shot, mass, factor_of, prior)
             raise ParameterError(
                 f"{FIELD}.shots.{index}.depth",
-                f"of {{}} at {{}} takes a strength factor of {factor:.3g}, which must be between {lower:g} and "
-                f"{upper:g}; {slip}",
+                "of {} at {} takes a strength factor of {}, which must be between "
+                f"{lower:g} and {upper:g}; {slip}",
                 Amount(shot.depth, "mm"),
                 Amount(shot.velocity, "m/s"),
+                Amount(factor, "", 3),
                 *corrected,
             )
         factors.append(factor)
@@ -663,7 +665,7 @@ def _likely_slip(
             continue
         if PLAUSIBLE_FACTORS[0] <= other <= PLAUSIBLE_FACTORS[1]:
             unit = {"depth": "mm", "velocity": "m/s", "mass": "kg"}[quantity]
-            text = f"perhaps {slip}: with a {quantity} of {{}} it is {other:.3g}"
+            text = f"perhaps {slip}: with a {quantity} of {{}} it is {number(other, '', 3)}"
             found.append((abs(math.log(other / prior)), text, Amount(right, unit, 4)))
     if not found:
         return "compare speed, depth, mass, diameter and strength with those measured", ()

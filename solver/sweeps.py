@@ -34,7 +34,7 @@ from solver.strength_scatter import ScatterSource
 from solver.strike import Impact, Numerics, full_name, is_part, label, put, short_names, strike_parts
 from solver.target import Target
 from solver.trajectory import Trajectory
-from solver.units import interval, quantity
+from solver.units import WHOLE_DIGITS, Amount, interval, quantity
 from solver.warnings import EQUATION_9_DIAMETER, EQUATION_9_STRENGTH
 
 if TYPE_CHECKING:
@@ -248,7 +248,8 @@ class _Grid:
         for field, values in zip(self.fields, self._values, strict=True):
             require(len(values) > 0, f"axes.{field}", "must have values")
         count = math.prod(map(len, self._values))
-        require(count <= MOST_POINTS, "axes", f"must make {MOST_POINTS:,} points at most, got {count:,}")
+        amounts = Amount(MOST_POINTS, "", WHOLE_DIGITS), Amount(count, "", WHOLE_DIGITS)
+        require(count <= MOST_POINTS, "axes", "must make {} points at most, got {}", *amounts)
 
     def strikes(self) -> list[dict[str, Any]]:
         """Return the parts of every strike; the last axis varies fastest."""

@@ -29,6 +29,7 @@ from solver.resistance import Resistance, StrengthPosterior, usual_unless_given
 from solver.strength_scatter import ScatterSource, known_strength
 from solver.strike import USUAL, Impact, Numerics, usual_termination_time
 from solver.target import Target
+from solver.units import whole_number
 from solver.warnings import ModelWarning
 
 # The default is the time step of the paper.
@@ -326,7 +327,8 @@ def _history(run: Run, steps: FloatArray, model: Model, sample_interval: float) 
     # first factor makes `count` independent of such rounding.
     count = math.floor(run.time / sample_interval * (1.0 + 1e-12)) + 1
     if count > MOST_INSTANTS:
-        raise ParameterError("sample_interval", f"must give at most {MOST_INSTANTS} samples, got {count}")
+        most, found = map(whole_number, (MOST_INSTANTS, count))
+        raise ParameterError("sample_interval", f"must give at most {most} samples, got {found}")
     times: FloatArray = sample_interval * np.arange(count, dtype=np.float64)
     times = np.concatenate((times[times < run.time * (1.0 - 1e-12)], [run.time]))
     states = sample(steps, times) if len(steps) else np.repeat(run.state[None, :], times.size, axis=0)

@@ -70,10 +70,14 @@ US_UNITS: Mapping[str, Unit] = {
 CONVERTED_DIGITS = 4
 """Largest number of significant digits of a converted number in a text. [1]"""
 
+# Four digits are read at a glance, and a comma among them may be taken for that of a decimal, as in 1,170 mm.
+GROUPED_FROM = 5
+"""Least number of digits before a decimal point that are grouped in thousands, by commas. [1]"""
 COHERENT: Mapping[str, str] = {"mm": "m", "MPa": "Pa", "GPa": "Pa", "ms": "s", "%": ""}
 """Coherent SI units, in which numbers are given, by the units in which texts show the quantities."""
-AMOUNT_DIGITS = 6
-"""Significant digits of a number in the message of an error: enough to see on which side of a bound it is. [1]"""
+AMOUNT_DIGITS, WHOLE_DIGITS = 6, 16
+"""Significant digits of a number in the message of an error, enough to see on which side of a bound it is, and of a
+whole number, which has all of them. [1]"""
 
 _system: ContextVar[UnitSystem | None] = ContextVar("unit_system", default=None)
 
@@ -117,9 +121,7 @@ def symbol(unit: str) -> str:
     return shown_unit(unit).symbol
 
 
-def number(
-    value: float, unit: str, digits: int = 4, *, converted_digits: int = CONVERTED_DIGITS, grouped: bool = False
-) -> str:
+def number(value: float, unit: str, digits: int = 4, *, converted_digits: int = CONVERTED_DIGITS) -> str:
     """Format a quantity without its unit, to significant digits, and without an exponent below ten million.
 
     Parameters
@@ -132,14 +134,15 @@ def number(
         Number of significant digits in SI.
     converted_digits
         Largest number of significant digits in other units.
-    grouped
-        Put commas between thousands.
     """
     if unit in US_UNITS and _system.get() is UnitSystem.US:
         digits = min(digits, converted_digits)
-    text = _without_exponent(f"{value * shown_unit(unit).factor:.{digits}g}")
-    whole, point, decimals = text.partition(".")
-    return f"{int(whole):,}{point}{decimals}" if grouped else text
+    return _grouped(_without_exponent(f"{value * shown_unit(unit).factor:.{digits}g}"))
+
+
+def whole_number(value: int) -> str:
+    """Format a whole number, such as a number of cases, with all its digits."""
+    return _grouped(f"{value}")
 
 
 def fixed(value: float, unit: str, decimals: int = 0) -> str:
@@ -169,9 +172,9 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
     return with_symbol(number(value, unit, digits), unit)
 
 
-def interval(lower: float, upper: float, unit: str, *, grouped: bool = False) -> str:
+def interval(lower: float, upper: float, unit: str) -> str:
     """Format two quantities with their common unit, as in ``473 to 629 mm``."""
-    return with_symbol(" to ".join(number(each, unit, grouped=grouped) for each in (lower, upper)), unit)
+    return with_symbol(" to ".join(number(each, unit) for each in (lower, upper)), unit)
 
 
 def with_symbol(text: str, unit: str) -> str:
@@ -212,7 +215,16 @@ class Amount(NamedTuple):
 
 
 def _with_decimals(shown: float, decimals: int) -> str:
-    return f"{round(shown, decimals) + 0.0:.{max(decimals, 0)}f}"
+    return _grouped(f"{round(shown, decimals) + 0.0:.{max(decimals, 0)}f}")
+
+
+def _grouped(text: str) -> str:
+    """Put commas between the thousands of a number with five digits or more before its decimal point."""
+    integer, point, decimals = text.partition(".")
+    digits = integer.removeprefix("-")
+    if len(digits) < GROUPED_FROM or not digits.isdecimal():
+        return text
+    return f"{int(integer):,}{point}{decimals}"
 
 
 def _without_exponent(text: str) -> str:

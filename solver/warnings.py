@@ -110,7 +110,7 @@ def body_warnings(projectile: Projectile) -> tuple[ModelWarning, ...]:
         ModelWarning(
             "mean_density_unusual",
             "the mean density of the projectile, its mass over the volume of its outline, is "
-            f"{quantity(density, 'kg/m³')}, outside {interval(lowest, highest, 'kg/m³', grouped=True)}: compare its "
+            f"{quantity(density, 'kg/m³')}, outside {interval(lowest, highest, 'kg/m³')}: compare its "
             "mass, diameter and length with those meant",
         ),
     )

@@ -37,6 +37,7 @@ from service.schemas.sweeps import Grid, Outline
 from service.telemetry import path_of
 from service.workers.worker import check_requests
 from solver import ParameterError
+from solver.units import whole_number
 
 CASES_AT_ONCE = 200
 """Number of cases validated in one call, which takes about 5 ms."""
@@ -167,7 +168,8 @@ class BatchReader:
                 # Each case must keep within the limit on the body of a single query, so that a batch is no way around
                 # it.
                 if len(to_json(content)) > longest:
-                    errors[number] = [{"pointer": place, "detail": f"a case may be {longest} bytes long at most"}]
+                    detail = f"a case may be {whole_number(longest)} bytes long at most"
+                    errors[number] = [{"pointer": place, "detail": detail}]
                 else:
                     cases[number] = self._case(content)
             except ValidationError as error:
@@ -207,7 +209,8 @@ class BatchReader:
             first, count = self._read_count, self._read_count + len(lines)
             self._read_count, self._read_bytes = count, self._read_bytes + sum(len(line) + 1 for line in lines)
             if count > MOST_LINES:
-                raise InvalidBodyError([{"pointer": "", "detail": f"may have {MOST_LINES:,} lines at most"}])
+                detail = f"may have {whole_number(MOST_LINES)} lines at most"
+                raise InvalidBodyError([{"pointer": "", "detail": detail}])
             if lines:
                 yield await run_sync(self._validate_lines, lines, first, limiter=self._services.reading)
         if not self._read_count:
@@ -225,7 +228,7 @@ class BatchReader:
     def _validate_line(self, line: bytes, number: int) -> JobCase:
         pointer, place = f"/{number}", f"line {number + 1}"
         if len(line) > self._limits.max_body_bytes:
-            detail = f"may be {self._limits.max_body_bytes} bytes long at most"
+            detail = f"may be {whole_number(self._limits.max_body_bytes)} bytes long at most"
             raise InvalidBodyError([{"pointer": pointer, "detail": detail}], place)
         if not line.strip():
             raise InvalidBodyError([{"pointer": pointer, "detail": "is empty"}], place)
@@ -246,7 +249,7 @@ class BatchReader:
         """Parse the body of a sweep, and return its base and axes, and its grid."""
         outline = validated_as(Outline, parse_json(body, limits))
         if len(to_json(outline.base)) > self._limits.max_body_bytes:
-            detail = f"may be {self._limits.max_body_bytes} bytes long at most"
+            detail = f"may be {whole_number(self._limits.max_body_bytes)} bytes long at most"
             raise InvalidBodyError([{"pointer": "/base", "detail": detail}])
         return outline, grid_of(self._model, outline)
 

@@ -27,6 +27,7 @@ from service.errors import InvalidBodyError
 from service.schemas.problems import json_pointer
 from service.schemas.quantities import named_units
 from service.settings import Settings
+from solver.units import whole_number
 
 MAX_FIELDS = 30
 """Largest number of fields of one object, more than twice as many as the largest object of a request has."""
@@ -232,7 +233,8 @@ async def stream_up_to(request: Request, limit: int) -> AsyncIterator[bytes]:
         except ClientDisconnect:
             raise HTTPException(HTTPStatus.BAD_REQUEST, "the body breaks off") from None
     if length > limit:
-        raise HTTPException(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"the body may be {limit} bytes long at most")
+        detail = f"the body may be {whole_number(limit)} bytes long at most"
+        raise HTTPException(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, detail)
 
 
 def require_type(request: Request, *accepted: str) -> str:
@@ -279,7 +281,8 @@ def parse_json(text: bytes, limits: BodyLimits) -> Any:
     # which does not matter, because no string in a request is long.
     fields = text.count(b":")
     if fields > limits.fields or text.count(b",") > limits.values:
-        detail = f"the body may have {limits.fields:,} fields and {limits.values:,} values at most"
+        most_fields, most_values = whole_number(limits.fields), whole_number(limits.values)
+        detail = f"the body may have {most_fields} fields and {most_values} values at most"
         raise HTTPException(HTTPStatus.BAD_REQUEST, detail)
     try:
         content = from_json(text)
@@ -311,7 +314,7 @@ def count_fields(content: Any, max_depth: int) -> int:
         for steps, each in level:
             if isinstance(each, dict):
                 if len(each) > MAX_FIELDS:
-                    detail = f"has {len(each)} fields, most of them unknown"
+                    detail = f"has {whole_number(len(each))} fields, most of them unknown"
                     raise InvalidBodyError([{"pointer": json_pointer(steps), "detail": detail}])
                 fields += len(each)
             pairs = each.items() if isinstance(each, dict) else enumerate(each)

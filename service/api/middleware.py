@@ -26,6 +26,7 @@ from service.errors import ProblemType
 from service.problems import problem_response
 from service.settings import Settings
 from service.telemetry import path_of
+from solver.units import whole_number
 
 DRAIN_BYTES = 64 * 1024 * 1024
 """Largest part of the body of a refused request that is read and discarded [bytes]. It takes half a second of work."""
@@ -116,14 +117,15 @@ class HeaderLimits:
 def refusal_of_head(scope: Scope) -> HTTPException | None:
     """Return the error if the target or the headers of a request exceed a limit, else None."""
     if len(scope.get("raw_path") or b"") + len(scope["query_string"]) > MAX_HEADER_BYTES:
-        return HTTPException(HTTPStatus.REQUEST_URI_TOO_LONG, f"a target may be {MAX_HEADER_BYTES} bytes long at most")
+        detail = f"a target may be {whole_number(MAX_HEADER_BYTES)} bytes long at most"
+        return HTTPException(HTTPStatus.REQUEST_URI_TOO_LONG, detail)
     headers = scope["headers"]
     if len(headers) > MAX_HEADERS:
         detail = f"a request may have {MAX_HEADERS} headers at most"
     elif max((len(value) for _, value in headers), default=0) > MAX_HEADER_BYTES:
-        detail = f"a header may be {MAX_HEADER_BYTES} bytes long at most"
+        detail = f"a header may be {whole_number(MAX_HEADER_BYTES)} bytes long at most"
     elif sum(len(name) + len(value) for name, value in headers) > MAX_HEAD_BYTES:
-        detail = f"all headers may be {MAX_HEAD_BYTES} bytes long at most"
+        detail = f"all headers may be {whole_number(MAX_HEAD_BYTES)} bytes long at most"
     else:
         return None
     return HTTPException(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE, detail)

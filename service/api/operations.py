@@ -122,7 +122,7 @@ def batch_description(operation: Operation) -> str:
     """Return the description of a batch route without its first words, which name the operation."""
     note = operation.many.note if operation.many else ""
     return (
-        ": up to 1,000 as JSON, up to 100,000 as JSON lines.\n\n"
+        ": up to 1000 as JSON, up to 100,000 as JSON lines.\n\n"
         f"{note}{' ' * bool(note)}"
         "The whole batch is refused if one case is invalid, and the problem names that case: `/cases/17/...` in JSON, "
         "counted from 0; the line in JSONL, counted from 1 in the text and from 0 in the pointer. An error in a line "

@@ -21,7 +21,7 @@ from service.cli.arguments import (
     examples,
 )
 from service.cli.jobs import BatchRequest, run_batch, write_results
-from service.cli.outputs import add_output, add_plot
+from service.cli.outputs import add_output, add_plot, sentence_number
 from service.cli.request_body import MISSING, STDIN, RequestBody, read_body, read_text, without_sought
 from service.cli.writers import Inputs, Writer, require_excel
 
@@ -258,7 +258,7 @@ def bad_rows(errors: Iterable[str], *, some_good: bool) -> CommandError:
     found = list(dict.fromkeys(errors))  # An error in the file of `--case` occurs in every row.
     lines = found[:MAX_LISTED]
     if len(found) > MAX_LISTED:
-        lines.append(f"and {len(found) - MAX_LISTED:,} more")
+        lines.append(f"and {sentence_number(len(found) - MAX_LISTED)} more")
     if some_good:
         lines.append("--skip-bad computes the others")
     return CommandError("\n".join(lines))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from service.auth.api_keys import SCOPES
 from service.cli.arguments import DATA_DIR, FAILED, CommandError, add_actions, examples, read_settings, reason_of
+from service.cli.outputs import sentence_number
 
 if TYPE_CHECKING:
     from service.auth.api_keys import ApiKey
@@ -100,7 +101,7 @@ def run_keys(args: argparse.Namespace) -> int:
 
 
 def _line(key: "ApiKey") -> str:
-    limit = "no limit" if key.cases_per_hour is None else f"{key.cases_per_hour:,} cases an hour"
+    limit = "no limit" if key.cases_per_hour is None else f"{sentence_number(key.cases_per_hour)} cases an hour"
     if key.revoked is not None:
         state = f"revoked {_date(key.revoked)}"
     elif key.usable_at(time.time()):

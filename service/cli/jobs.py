@@ -21,7 +21,7 @@ from service.cli.arguments import (
     examples,
     problem_text,
 )
-from service.cli.outputs import add_output, open_output
+from service.cli.outputs import add_output, open_output, sentence_number
 from service.cli.writers import (
     Counts,
     Inputs,
@@ -199,7 +199,7 @@ def kept_rows(args: argparse.Namespace, stream: TextIO, counts: Counts, total: i
         yield
     except BaseException:
         if args.output and Path(stream.name).stat().st_size:  # All writers flush what they write.
-            print(f"{counts.total:,} of {total:,} rows in {stream.name}", file=sys.stderr)
+            print(f"{sentence_number(counts.total)} of {sentence_number(total)} rows in {stream.name}", file=sys.stderr)
         raise
 
 

@@ -32,6 +32,12 @@ DESCRIPTORS = ("/dev/fd/", "/dev/std", "/proc/")
 not see a new file with the same name."""
 
 
+def sentence_number(value: float, digits: int = 16) -> str:
+    """Format a number in a sentence as `solver.units.number` does, whose import would take a second."""
+    text = f"{float(f'{value:.{digits}g}'):,}".removesuffix(".0")
+    return text if abs(value) >= 10_000.0 else text.replace(",", "")
+
+
 @dataclass(frozen=True)
 class OutputFile:
     """An output file named by a flag or an argument.

@@ -223,7 +223,7 @@ def read_object(file: str | Path) -> dict[str, Any]:
     except json.JSONDecodeError as error:
         raise CommandError(f"{file}:{error.lineno}: not JSON: {error.msg}") from None
     except ValueError:  # Python limits the digits of an integer, as the time of conversion grows with their square.
-        raise CommandError(f"{file}: holds a number of more than 4,300 digits") from None
+        raise CommandError(f"{file}: holds a number of more than 4300 digits") from None
     except RecursionError:
         raise CommandError(f"{file}: nested too deep") from None
     if not isinstance(content, dict):

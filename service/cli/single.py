@@ -17,7 +17,7 @@ from service.cli.arguments import (
     add_verbose,
     examples,
 )
-from service.cli.outputs import add_formats, add_plot
+from service.cli.outputs import add_formats, add_plot, sentence_number
 from service.cli.request_body import RequestBody, read_body
 from service.cli.writers import heading, print_csv, print_table, print_values, print_warnings, progress
 from service.columns import trial_columns
@@ -206,14 +206,14 @@ def print_json(answer: bytes) -> None:
 
 
 def motion_sentence(answer: Mapping[str, Any], oblique_angle: float) -> str:
-    """Return a sentence with the outcome of a strike at an oblique angle [°]."""
-    after = f"after {1e3 * answer['final']['time_s']:.3g} ms"
+    """Return a sentence with the outcome of a strike at an oblique angle. [°]"""
+    after = f"after {sentence_number(1e3 * answer['final']['time_s'], 3)} ms"
     if (left := answer.get("exit")) is None:
-        end = f"{1e3 * answer['maximum_depth_m']:.3g} mm deep {after}"
+        end = f"{sentence_number(1e3 * answer['maximum_depth_m'], 3)} mm deep {after}"
     else:
-        end = f"it leaves at {left['speed_m_s']:.3g} m/s {after}"
+        end = f"it leaves at {sentence_number(left['speed_m_s'], 3)} m/s {after}"
     if answer["outcome"] == "embedded" and (out := answer.get("protrusion", {}).get("final_m")):
-        end = f"its nose {round(1e3 * out, 1):g} mm out of the rear face, {end}"
+        end = f"its nose {sentence_number(round(1e3 * out, 1))} mm out of the rear face, {end}"
     sentence = f"At {oblique_angle:g}° from the normal: {named(OUTCOMES, answer['outcome'])}, {end}."
     if left is None or "flight" not in left:
         return sentence

@@ -1,7 +1,7 @@
 // Small multiples of the critical angle over the speed and over the strength, each from a sweep around the case.
 
 import { angleRequest, valueAt } from "./case.js";
-import { boundsOf, fieldAt, labelWithUnit, shownNumber } from "./fields.js";
+import { boundsOf, fieldAt, labelWithUnit, shownNumber, withUnit } from "./fields.js";
 import { axis, colour, csvOf, draw } from "./plots.js";
 import { request } from "./service.js";
 
@@ -88,6 +88,6 @@ function rowsOf({ field, values, status, angles }) {
 function inWords({ field, values, angles }) {
   const found = [...angles.keys()].filter((i) => angles[i] !== null);
   if (!found.length) return `No critical angle over ${field.label.toLowerCase()}.`;
-  const at = (i) => `${angles[i].toFixed(2)}° at ${shownNumber(field, values[i])} ${field.unit}`;
+  const at = (i) => `${angles[i].toFixed(2)}° at ${withUnit(shownNumber(field, values[i]), field.unit)}`;
   return `Over ${field.label.toLowerCase()} from ${at(found[0])} to ${at(found.at(-1))}.`;
 }

@@ -4,7 +4,7 @@ import { valueAt, withValue } from "./case.js";
 import { names, nodeAt } from "./contract.js";
 import { solidVolume } from "./outline.js";
 import { areUs, unitOf } from "./units.js";
-import { capital } from "./words.js";
+import { capital, grouped } from "./words.js";
 
 /** Return a field of a kind: `number`, `choice` (a variant or a name), `flag`, `numbers` (a list, or a list of pairs) or `shots`. */
 export const fieldOf = (kind, path, si = "", extra = {}) => ({
@@ -182,7 +182,7 @@ export function fieldShown(field, values) {
   const value = shownValue(field, values);
   if (value === undefined || value === "") return openShown(field) ?? "auto";
   if (field.choices) return field.choices[value];
-  return Array.isArray(value) ? JSON.stringify(value) : String(value);
+  return typeof value === "number" ? grouped(value) : Array.isArray(value) ? JSON.stringify(value) : String(value);
 }
 
 /** Convert a number in SI to the unit of a field, without rounding errors of floating point and conversion. */
@@ -190,14 +190,9 @@ export function shownNumber({ factor }, value) {
   return Number((value / factor).toPrecision(areUs() ? 6 : 12));
 }
 
-/** Return an error of the service with the name of its field, where it is what the field must be. */
-export function ofField({ label }, detail) {
-  return detail.startsWith("must ") ? `${label} ${detail}` : detail;
-}
-
-/** Return a number with its unit. */
-export function withUnit(number, unit) {
-  return unit && unit !== "°" ? `${number} ${unit}` : `${number}${unit}`;
+/** Return a number, or a text instead of one, with its unit. */
+export function withUnit(value, unit) {
+  return `${typeof value === "number" ? grouped(value) : value}${unit && unit !== "°" ? ` ${unit}` : unit}`;
 }
 
 /** Return a field's label with its unit, for an axis or a column. */

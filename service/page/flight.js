@@ -105,6 +105,5 @@ function fly(speed, elevation, time, drag) {
 /** Format a distance as in the verdict: rounded up to whole metres, above 100 m to tens of metres. */
 function up(distance) {
   const step = distance > 100 ? 10 : 1;
-  const { unit, factor } = unitOf("m");
-  return `${Number(((Math.ceil(distance / step - 1e-9) * step) / factor).toPrecision(4)).toLocaleString("en")} ${unit}`;
+  return quantityShown(Math.ceil(distance / step - 1e-9) * step, "m", 4);
 }

@@ -4,7 +4,7 @@ import { valueAt, withValue } from "./case.js";
 import { exampleOf, paperCase } from "./contract.js";
 import { announce, element, showText } from "./elements.js";
 import { buildRow, showProblem } from "./field-row.js";
-import { GROUPS, isThere, ofField } from "./fields.js";
+import { GROUPS, isThere } from "./fields.js";
 import { clearParts, markStale } from "./stale.js";
 import { keep, kept } from "./storage.js";
 
@@ -171,10 +171,11 @@ export class CaseForm {
       const path = pointer.slice(1).replaceAll("/", ".");
       return this.rows.find(({ field }) => `${path}.`.startsWith(`${field.path}.`));
     };
+    const wordsOf = ({ label }, { detail }) => (detail.startsWith("must ") ? `${label} ${detail}` : detail);
     const show = () => {
       if (values !== this.values) return;
       const unplaced = errors.filter((error) => !rowOf(error));
-      for (const error of errors) if (rowOf(error)) showProblem(rowOf(error), ofField(rowOf(error).field, error.detail));
+      for (const error of errors) if (rowOf(error)) showProblem(rowOf(error), wordsOf(rowOf(error).field, error));
       this.clear(unplaced.map((error) => error.detail).join(" "));
     };
     const typed = this.rows.find(({ input }) => input === document.activeElement && input.type === "text");

@@ -4,6 +4,7 @@ import { valueAt } from "./case.js";
 import { element } from "./elements.js";
 import { GROUPS, fieldAt, fieldShown, shownNumber, withUnit } from "./fields.js";
 import { request } from "./service.js";
+import { grouped } from "./words.js";
 
 /**
  * Return a collapsed list of the base case of a sweep, which is fetched when the list is opened.
@@ -29,8 +30,8 @@ export function baseCase(job, onError) {
 
 function axisWords({ field, start, stop, count, values = [start, stop] }) {
   const known = fieldAt(field) ?? { label: field, factor: 1, unit: "" };
-  const [least, most] = [values[0], values.at(-1)].map((value) => shownNumber(known, value));
-  return [known.label, `${least} to ${most} ${known.unit}, ${count ?? values.length} values`];
+  const [least, most] = [values[0], values.at(-1)].map((value) => grouped(shownNumber(known, value)));
+  return [known.label, `${least} to ${most} ${known.unit}, ${grouped(count ?? values.length)} values`];
 }
 
 function caseWords({ base, axes }) {

@@ -2,7 +2,7 @@
 
 import { markAnswered, markLost, pause, untilAnswered } from "./lost.js";
 import { isAbort, isLost, request } from "./service.js";
-import { digits } from "./words.js";
+import { digits, grouped } from "./words.js";
 
 const PAGE = 1000; // results requested at once
 const PAUSE_MS = 1000; // before a broken stream is reopened
@@ -19,9 +19,9 @@ export function progressWords({ counts, status, started }) {
   const left = (total - done) / rate;
   const isKnown = status === "running" && done > cached;
   return [
-    `${done} of ${total} cases`,
-    cached && `${cached} from cache`,
-    failed && `${failed} failed`,
+    `${grouped(done)} of ${grouped(total)} cases`,
+    cached && `${grouped(cached)} from cache`,
+    failed && `${grouped(failed)} failed`,
     isKnown && `${digits(rate, 2)} a second`,
     isKnown && `about ${left < 90 ? `${Math.ceil(left)} s` : `${Math.ceil(left / 60)} min`} left`,
   ].filter(Boolean).join(", ");

@@ -5,7 +5,8 @@ import { downloadButtons, shortId } from "./downloads.js";
 import { element } from "./elements.js";
 import { baseCase } from "./job-case.js";
 import { isFinal, progressWords } from "./job-progress.js";
-import { mapNameOf } from "./sweep.js";
+import { isMap } from "./sweep.js";
+import { grouped } from "./words.js";
 
 /** Names of the columns; in a narrow window a row becomes a card, where each cell shows the name of its column. */
 export const COLUMNS = ["Job", "Computation", "Status", "Cases", "Created", "Finished", "Kept until", "Results", "Actions"];
@@ -43,13 +44,11 @@ export class JobRow {
   /** Update the row to a new state of the job. */
   update(job) {
     this.job = job;
-    const { total, done } = job.counts;
     const ahead = job.queue?.jobs_ahead;
     const [, , status, , , finished, expires] = this.cells;
     this.title.textContent = titleOf(job);
     status.textContent = names.job_statuses[job.status] + (job.problem ? `: ${job.problem.detail}` : "") + (job.status === "accepted" && ahead ? `, ${ahead} ahead` : "");
-    this.bar.max = total;
-    this.bar.value = done;
+    Object.assign(this.bar, { max: job.counts.total, value: job.counts.done });
     this.counts.textContent = progressWords(job);
     finished.replaceChildren(job.finished ? time(job.finished) : "");
     expires.replaceChildren(job.expires ? time(job.expires) : "");
@@ -59,7 +58,7 @@ export class JobRow {
 
 /** Return the title that a job was given, or else what it computes. */
 export function titleOf({ title, counts, operation }) {
-  return title ?? `${counts.total.toLocaleString("en")} × ${names.operations[operation]}`;
+  return title ?? `${grouped(counts.total)} × ${names.operations[operation]}`;
 }
 
 function time(text) {

@@ -2,9 +2,8 @@
 
 import { address, caseQuery } from "./address.js";
 import { element } from "./elements.js";
-import { withUnit } from "./fields.js";
 import { cellWords } from "./map-cells.js";
-import { format } from "./map-plot.js";
+import { valueShown } from "./map-plot.js";
 import { caseAt } from "./sweep.js";
 import { warningShown } from "./words.js";
 
@@ -60,6 +59,6 @@ export function buildCellChoice(root) {
 
 function fill(select, label, axis) {
   label.textContent = axis.label;
-  select.replaceChildren(...axis.shown.map((value) => element("option", {}, withUnit(format(value), axis.unit))));
+  select.replaceChildren(...axis.shown.map((value) => element("option", {}, valueShown(value, axis))));
   select.selectedIndex = Math.floor(axis.shown.length / 2);
 }

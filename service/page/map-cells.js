@@ -1,7 +1,8 @@
 // Results of the cells of a map, and texts that describe them.
 
 import { csvOf } from "./plots.js";
-import { lengthShown, outcomeShown, statusShown, warningShown } from "./words.js";
+import { unitOf } from "./units.js";
+import { grouped, lengthShown, outcomeShown, statusShown, warningShown } from "./words.js";
 
 /** Quantities that a map shows by colours, by operation: `column` is the name in CSV, `si` the unit when SI is shown. Outcomes have none. */
 export const QUANTITIES = {
@@ -83,9 +84,9 @@ export function countWords(operation, cells) {
   for (const cell of cells) if (cell) counts[cell.ending] = (counts[cell.ending] ?? 0) + 1;
   const words = Object.entries(counts).map(([ending, count]) => {
     const label = ending === "converged" ? `with ${QUANTITIES[operation].name}` : endingShown(ending);
-    return `${count} ${label}`;
+    return `${grouped(count)} ${label}`;
   });
-  const warnings = localWarnings(cells).map(([code, count]) => `${warningShown(code)} (${count})`);
+  const warnings = localWarnings(cells).map(([code, count]) => `${warningShown(code)} (${grouped(count)})`);
   return words.join(", ") + (warnings.length ? `; warnings of some: ${warnings.join(", ")}` : "");
 }
 

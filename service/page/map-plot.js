@@ -36,7 +36,7 @@ export function mapTraces(operation, [x, y], cells, rough, room, here, yieldOf, 
   const rare = rareWarnings(cells);
   const words = grid((index, across, up) => {
     const warnings = (cells[index]?.warnings ?? []).filter((code) => rare.has(code)).map((code) => `<br>${warningShown(code)}`);
-    return `${withUnit(format(across), x.unit)}, ${withUnit(format(up), y.unit)}<br>${cellWords(cells[index])}${warnings.join("")}`;
+    return `${valueShown(across, x)}, ${valueShown(up, y)}<br>${cellWords(cells[index])}${warnings.join("")}`;
   });
   const hover = { text: words, hovertemplate: "%{text}<extra></extra>", hoverongaps: true };
   const quantity = QUANTITIES[operation];
@@ -162,7 +162,7 @@ function scale(colours) {
   return colours.map((colour, i) => [i / (colours.length - 1), colour]);
 }
 
-/** Return a number in few digits. */
-export function format(number) {
-  return String(Number(number.toPrecision(5)));
+/** Return a value of an axis with few digits, and its unit. */
+export function valueShown(value, { unit }) {
+  return withUnit(Number(value.toPrecision(5)), unit);
 }

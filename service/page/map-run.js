@@ -4,7 +4,11 @@ import { isFinal, resultsOf, statesOf } from "./job-progress.js";
 import { pause, untilAnswered } from "./lost.js";
 import { readCell } from "./map-cells.js";
 import { request } from "./service.js";
-import { evenly, isSmall, mapNameOf, numbers, OPERATIONS, sweepRequest } from "./sweep.js";
+import { reportRequest } from "./report.js";
+import { clipped } from "./run.js";
+import { QUICK, takeUsual, uncertainInput, usualInputs } from "./scatter.js";
+import { caseAt, quickSweep } from "./sweep.js";
+import { grouped } from "./words.js";
 
 const COARSE = 8; // rows and columns of the preview of a large map
 const REDRAW_MS = 300; // least time between drawings; a large map is drawn less often, because drawing competes with the workers
@@ -74,7 +78,7 @@ export async function followMap(map, { onProgress, onCells }, signal, known = []
 
 /** Describe how a job ended. */
 export function endWords({ status, counts, problem }) {
-  const { total, done } = counts;
+  const [total, done] = [counts.total, counts.done].map(grouped);
   if (status === "dismissed") return `Cancelled after ${done} of ${total} cases.`;
   if (status === "failed" || status === "damaged") return `Given up after ${done} of ${total} cases: ${problem?.detail ?? "it failed"}.`;
   return `All ${total} cases are computed.`;

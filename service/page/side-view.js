@@ -9,7 +9,7 @@ import { colour, csvOf, drawingOf, place } from "./plots.js";
 import { arcMarks, bendingMark, criticalMark, exitMark, faceNames, forceMarks, hole, protrusionMark } from "./side-view-marks.js";
 import { nice, rowAt } from "./run.js";
 import { unitOf } from "./units.js";
-import { digits, endingShown, lengthShown } from "./words.js";
+import { digits, endingShown, lengthShown, quantityShown } from "./words.js";
 
 const OUTLINES = [6, 3]; // of a single run, and of each run in a comparison
 const SEGMENTS = 36; // of the first path, each in the colour of its speed
@@ -219,7 +219,6 @@ function axes({ box, origin, scale }) {
 
 /** Return the colour key of the speed, and the names of the compared runs. */
 function legend(runs, range, { width, key }, caption) {
-  const { unit, factor } = unitOf("m/s");
   const stops = VIRIDIS.map(([offset, stop]) => svg("stop", { offset, "stop-color": stop }));
   const x = width - MARGIN.right - 150;
   const names = runs.length > 1 ? runs.map(({ name }) => name) : [];
@@ -227,7 +226,7 @@ function legend(runs, range, { width, key }, caption) {
     svg("linearGradient", { id: "speeds" }, ...stops),
     svg("rect", { x, y: key - 8, width: 100, height: 8, fill: "url(#speeds)" }),
     svg("text", { class: "key", x: x - 5, y: key, "text-anchor": "end" }, "Speed 0"),
-    svg("text", { class: "key", x: x + 105, y: key }, `${digits(range[1] / factor)} ${unit}`),
+    svg("text", { class: "key", x: x + 105, y: key }, quantityShown(range[1], "m/s")),
     ...(caption ? [svg("text", { class: "caption", x: MARGIN.left, y: 16, "font-weight": "bold" }, caption)] : []),
     ...names.flatMap((name, i) => [
       svg("line", { x1: MARGIN.left + i * 92, x2: MARGIN.left + 16 + i * 92, y1: 12, y2: 12, stroke: colour(i ? `run-${i}` : "accent"), "stroke-width": 3 }),

@@ -4,7 +4,7 @@ import { element, table } from "./elements.js";
 import { colour, csvOf, draw, drawingOf } from "./plots.js";
 import { inputField } from "./scatter.js";
 import { headline, probabilityAt } from "./study.js";
-import { degreesShown, digits, withInterval } from "./words.js";
+import { degreesShown, digits, grouped, withInterval } from "./words.js";
 
 const MARGIN_DEG = 4; // shown on both sides of the range in which the probability changes
 const ABOUT_MEAN = "Mean and median are those of the samples, whose distribution is skewed; the verdict has the angle with the inputs as given.";
@@ -115,11 +115,11 @@ export function describeStudy(study) {
   const parts = [
     mean ? `Mean ${degreesShown(mean.value)}, standard deviation ${degreesShown(deviation?.value ?? 0)}. ${ABOUT_MEAN}` : "",
     without.value > 0 ? `${digits(100 * without.value, 2)} % of the samples have no critical angle.` : "",
-    `${study.samples.toLocaleString("en")} samples: sampling error ± ${digits(study.convergence.half_width.at(-1), 2)}` +
+    `${grouped(study.samples)} samples: sampling error ± ${digits(study.convergence.half_width.at(-1), 2)}` +
       `${study.converged ? "" : ", more than requested"},`,
     `${study.method === "surrogate" ? "by polynomials fitted to them" : "counted directly"}.`,
-    study.samples_failed ? `${study.samples_failed} samples could not be computed.` : "",
-    study.samples_outside ? `${study.samples_outside} samples are outside the accepted range.` : "",
+    study.samples_failed ? `${grouped(study.samples_failed)} samples could not be computed.` : "",
+    study.samples_outside ? `${grouped(study.samples_outside)} samples are outside the accepted range.` : "",
   ];
   return [
     angle

@@ -13,12 +13,20 @@ const STATUSES = {
 /** Smaller values are numerical noise and shown as 0: a tenth of the unit shown in SI. */
 const NOISE = { mm: 1e-4, "m/s": 0.1, "°": 0.1 };
 
+const THOUSANDS = new Intl.NumberFormat("en", { useGrouping: "min2" });
+
+/** Format a number with commas between thousands if it has five digits or more before the point, as the service does. */
+export function grouped(number) {
+  const [whole, ...decimals] = `${number}`.split(".");
+  return [THOUSANDS.format(Number(whole)), ...decimals].join(".");
+}
+
 /** Format a number with `count` significant digits, without an exponent if possible. */
 export function digits(value, count = 3) {
   if (value === 0) return "0";
   const size = Math.floor(Math.log10(Math.abs(value)));
   if (size < -4 || size > 6) return value.toExponential(count - 1);
-  return value.toFixed(Math.max(0, Math.min(12, count - 1 - size)));
+  return grouped(value.toFixed(Math.max(0, Math.min(12, count - 1 - size))));
 }
 
 /** Format a quantity given in SI, such as `238 m/s`; `si` is its unit when SI is shown. With a `count` above 3, trailing zeros are dropped. */
@@ -31,7 +39,7 @@ export function quantityShown(value, si, count = 3) {
 export function numberShown(value, si, count = 3) {
   if (Math.abs(value) < NOISE[si]) return "0";
   const shown = value / unitOf(si).factor;
-  return count > 3 ? String(Number(shown.toPrecision(count))) : digits(shown, count);
+  return count > 3 ? grouped(Number(shown.toPrecision(count))) : digits(shown, count);
 }
 
 /** Format a length given in SI, in millimetres or inches. */

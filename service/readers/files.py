@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.arrays import FloatArray
+from solver.units import number
 
 UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 OTHER_FORMATS = (
@@ -197,7 +198,7 @@ class Readings:
         rows = np.flatnonzero(~accepted)
         if rows.size:
             value = float(self.values[name][rows[0]])
-            raise self.error(int(rows[0]), f"{name} {requirement}, got {value:g} {unit}".rstrip())
+            raise self.error(int(rows[0]), f"{name} {requirement}, got {number(value, '', 6)} {unit}".rstrip())
 
     def require_rows(self, least: int) -> None:
         """Raise an error if there are fewer than `least` rows."""

@@ -15,6 +15,7 @@ from service.schemas.similar_names import SOUGHT, field_names, meant_as
 from service.schemas.sweeps import schema_of
 from service.schemas.wording import UNKNOWN, out_of_bounds, worded
 from solver.checks import BOUNDS, ParameterError, require_bounds
+from solver.units import whole_number
 
 ITEM = re.compile(r"(\.\d+)+$")
 """Indices at the end of the path of a field. They are removed, as an item has the unit of its list."""
@@ -34,7 +35,8 @@ def explained(pointer: str, error: Mapping[str, Any], *, suggest: bool = True) -
     if error["type"] == UNKNOWN:
         return worded(error) + (suggestion(pointer) if suggest and len(pointer) <= LONGEST_MISSPELT else "")
     if error["type"] == "too_long" and pointer == "/cases":
-        return f"may have {MOST_CASES:,} cases at most; send JSON lines (`application/jsonl`), up to {MOST_LINES:,}"
+        most, lines = whole_number(MOST_CASES), whole_number(MOST_LINES)
+        return f"may have {most} cases at most; send JSON lines (`application/jsonl`), up to {lines}"
     name = pointer.strip("/").replace("/", ".")
     if out_of_bounds(error, "") is None:
         return worded(error)

@@ -349,7 +349,7 @@ class LimitSpeedAnswer(Part):
 
     status: PerforationStatus
     limit_speed_m_s: Annotated[Num | MISSING, Of("value")] = MISSING
-    """Least speed found that perforates, if there is one between 1 and 2,000 m/s. Unless `resistance` has a `rear_plug`
+    """Least speed found that perforates, if there is one between 1 and 2000 m/s. Unless `resistance` has a `rear_plug`
     and a `crater`, the model includes neither, and slower projectiles perforate real walls. [m/s]"""
     bracket_m_s: Annotated[
         Annotated[list[Num], Field(min_length=2, max_length=2)] | MISSING,

@@ -35,7 +35,7 @@ from solver.strike import SEARCH_TOLERANCE, TRAJECTORY_TOLERANCE, usual_terminat
 from solver.sweeps import fitted_to, obliquity_shape
 from solver.trajectory import SAMPLE_INTERVAL
 from solver.uncertainty.usual import has_own_law
-from solver.units import UnitSystem, written_in
+from solver.units import Amount, UnitSystem, whole_number, written_in
 
 MOST_ROWS = 20_000
 """Largest number of rows of a history: some 4 MB of JSON, and far finer than any plot shows."""
@@ -45,7 +45,8 @@ SampleInterval = Annotated[
     Field(
         ge=1e-8,
         le=1.0,
-        description=f"Interval of the history, at least the termination time divided by {MOST_ROWS:,}. The default is "
+        description="Interval of the history, at least the termination time divided by "
+        f"{whole_number(MOST_ROWS)}. The default is "
         f"{SAMPLE_INTERVAL:g} s or, if that is too short, this minimum. [s]",
     ),
 ]
@@ -177,7 +178,9 @@ class Case(Part):
         if end is not MISSING and end > MOST_ROWS * interval:
             raise ParameterError(
                 "output.sample_interval",
-                f"must be at least the termination time over {MOST_ROWS}, {end / MOST_ROWS:g} s, got {interval:g} s",
+                f"must be at least the termination time over {whole_number(MOST_ROWS)}, {{}}, got {{}}",
+                Amount(end / MOST_ROWS, "ms"),
+                Amount(interval, "ms"),
             )
         return interval
 

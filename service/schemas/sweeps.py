@@ -16,6 +16,7 @@ from service.schemas.problems import INVALID
 from service.schemas.quantities import WHOLE, Count, Num, Part, with_examples
 from service.schemas.requests import Case
 from service.schemas.similar_names import SOUGHT, field_names, meant_as
+from solver.units import whole_number
 
 MOST_AXES = 4
 """Largest number of axes, a rough choice: ten values on each of four axes are 10,000 points already."""
@@ -210,7 +211,8 @@ class Grid:
             except LookupError as error:
                 raise AxisError(f"/axes/{number}/field", f"{field!r} {error.args[0]}") from None
         if self.count > MOST_LINES:
-            raise AxisError("/axes", f"make {self.count:,} points; {MOST_LINES:,} at most are computed")
+            points, most = whole_number(self.count), whole_number(MOST_LINES)
+            raise AxisError("/axes", f"make {points} points; {most} at most are computed")
 
     def points(self) -> Iterator[tuple[float, ...]]:
         """Return an iterator over the values of the axes at all points; the last axis varies fastest."""

@@ -1,17 +1,16 @@
 """Messages for pydantic errors, which quote the given value and do not name Python types."""
 
-import re
 from collections.abc import Mapping, Sized
 from typing import Any
 
-from solver.units import Amount
+from solver.units import WHOLE_DIGITS, Amount, number, whole_number
 
 UNKNOWN = "extra_forbidden"
 """Type of pydantic's error for an unknown field."""
 LONGEST_SHOWN = 40
 """Largest number of characters of a text, and of digits of a number, that a message quotes: about half a line."""
-DIGITS, COUNT_DIGITS = 12, 16
-"""Largest number of significant digits of a quantity and of a count in a message. [1]"""
+DIGITS = 12
+"""Largest number of significant digits of a number that a message quotes. [1]"""
 PHRASES = {
     "missing": "is missing",
     UNKNOWN: "unknown field",
@@ -39,7 +38,13 @@ BOUNDS = {
     "less_than_equal": ("less than or equal to", "le"),
 }
 """Words for a bound by the type of pydantic's error for a number outside it, with the name of the bound there."""
-LENGTH = re.compile(r"\w+ should have (.*?)(?: after validation.*)?")
+LENGTHS = {
+    "too_short": ("at least", "min_length", "item"),
+    "too_long": ("at most", "max_length", "item"),
+    "string_too_short": ("at least", "min_length", "character"),
+    "string_too_long": ("at most", "max_length", "character"),
+}
+"""Words for a bound of a length by the type of pydantic's error, the name of the bound there, and what it counts."""
 
 
 def worded(error: Mapping[str, Any], unit: str = "") -> str:
@@ -67,12 +72,20 @@ def _worded(error: Mapping[str, Any]) -> str:
     if kind in EXPECTED or text.startswith("Input should be "):
         wanted = EXPECTED.get(kind) or text.removeprefix("Input should be ").replace("a valid ", "a ")
         return f"must be {wanted}, got {shown(error['input'])}"
-    if found := LENGTH.fullmatch(text):
-        return f"must have {found[1]}" + (f", got {len(error['input'])}" if isinstance(error["input"], Sized) else "")
+    if kind in LENGTHS:
+        return _length_worded(error)
     return text
 
 
-def out_of_bounds(error: Mapping[str, Any], unit: str) -> tuple[str, Amount, Amount] | None:
+def _length_worded(error: Mapping[str, Any]) -> str:
+    """Return the message for a list or a text that is too long or too short."""
+    words, name, items = LENGTHS[error["type"]]
+    bound = error["ctx"][name]
+    found = f", got {whole_number(len(error['input']))}" if isinstance(error["input"], Sized) else ""
+    return f"must have {words} {whole_number(bound)} {items}{'' if bound == 1 else 's'}{found}"
+
+
+def out_of_bounds(error: Mapping[str, Any], unit: str) -> tuple[str, *tuple[Amount, ...]] | None:
     """Return the condition and amounts of a `ParameterError` for a number outside a bound; None for another error.
 
     Parameters
@@ -82,11 +95,13 @@ def out_of_bounds(error: Mapping[str, Any], unit: str) -> tuple[str, Amount, Amo
     """
     words, name = BOUNDS.get(error["type"], ("", ""))
     value = error["input"]
-    if not words or isinstance(value, str) or (isinstance(value, int) and abs(value) >= 10**LONGEST_SHOWN):
-        return None  # A text is the value of a query parameter, and a long number is not shown.
+    if not words or isinstance(value, str):  # A text is the value of a query parameter.
+        return None
     bound = error["ctx"][name]
     # The bounds of counts may have more digits than those of quantities, and are shown with all of them.
-    digits = COUNT_DIGITS if isinstance(bound, int) else DIGITS
+    digits = WHOLE_DIGITS if isinstance(bound, int) else DIGITS
+    if isinstance(value, int) and abs(value) >= 10**LONGEST_SHOWN:
+        return f"must be {words} {{}}, got {shown(value)}", Amount(bound, unit, digits)
     return f"must be {words} {{}}, got {{}}", Amount(bound, unit, digits), Amount(value, unit, digits)
 
 
@@ -107,7 +122,8 @@ def shown(value: Any) -> str:
     if value is None or isinstance(value, bool):
         return {None: "null", True: "true", False: "false"}[value]
     if isinstance(value, float):
-        return f"{value:.{DIGITS}g}"  # A bound has no more digits, and 95.0 becomes 95 as there.
-    if isinstance(value, int) and abs(value) >= 10**LONGEST_SHOWN:
-        return f"a number of {len(str(abs(value)))} digits"
+        return number(value, "", DIGITS)  # A bound has no more digits, and 95.0 becomes 95 as there.
+    if isinstance(value, int):
+        long = abs(value) >= 10**LONGEST_SHOWN
+        return f"a number of {len(str(abs(value)))} digits" if long else whole_number(value)
     return repr(value[:LONGEST_SHOWN] + "..." if isinstance(value, str) and len(value) > LONGEST_SHOWN else value)

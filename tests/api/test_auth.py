@@ -640,7 +640,7 @@ def test_token_is_shown_once_and_stored_as_a_hash(
         assert stat.S_IMODE(file.stat().st_mode) == 0o600
     assert ApiKeyStore(tmp_path, print).find(token) is not None
     listed = ricochet_keys(capsys, "list")
-    assert "anna  read  1,000 cases an hour" in listed
+    assert "anna  read  1000 cases an hour" in listed
     assert token[-20:] not in listed
     ricochet_keys(capsys, "revoke", listed.split()[0])
     assert "revoked" in ricochet_keys(capsys, "list")

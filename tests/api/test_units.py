@@ -84,9 +84,9 @@ REFUSED: dict[str, tuple[str, dict[str, Any], list[str]]] = {
         "/wall",
         WALL | {"target": CONCRETE | {"youngs_modulus_pa": 2e12}, "impact": "fast"},
         [
-            "must be 1000000 to 1e12 Pa, got 2e12 Pa",
+            "must be 1,000,000 to 1e12 Pa, got 2e12 Pa",
             "must be 0.001 to 1000 GPa, got 2000 GPa",
-            "must be 0.145038 to 145038 ksi, got 290075 ksi",
+            "must be 0.145038 to 145,038 ksi, got 290,075 ksi",
         ],
     ),
     "in a list": (
@@ -95,7 +95,7 @@ REFUSED: dict[str, tuple[str, dict[str, Any], list[str]]] = {
         | {"projectile": CASE["projectile"] | {"nose": {"shape": "profile", "points": [[0.0, 0.0], [25.0, 0.04]]}}},
         [
             "must be less than or equal to 20 m, got 25 m",
-            "must be less than or equal to 20000 mm, got 25000 mm",
+            "must be less than or equal to 20,000 mm, got 25,000 mm",
             "must be less than or equal to 787.402 in, got 984.252 in",
         ],
     ),
@@ -109,7 +109,7 @@ REFUSED: dict[str, tuple[str, dict[str, Any], list[str]]] = {
         STRIKE | {"uncertain": [{"field": "target.compressive_strength_pa", "distribution": LOWER | {"lower": 5.0}}]},
         [
             f"is no value of 'target.compressive_strength_pa': must be greater than or equal to {bound}"
-            for bound in ("100000 Pa, got 5 Pa", "0.1 MPa, got 5e-6 MPa", "14.5038 psi, got 0.000725189 psi")
+            for bound in ("100,000 Pa, got 5 Pa", "0.1 MPa, got 5e-6 MPa", "14.5038 psi, got 0.000725189 psi")
         ],
     ),
 }
@@ -132,7 +132,7 @@ def test_units_that_are_no_system_leave_refusals_in_those_of_the_fields(client: 
     body = STRIKE | {"impact": {"velocity_m_s": 2e4, "oblique_angle_deg": 5.0}}
     for units in ("imperial", 3, None, ["us"]):
         errors = client.post("/trajectory", json=body | {"units": units}).json()["errors"]
-        assert errors[0]["detail"] == "must be 0.1 to 10000 m/s, got 20000 m/s"
+        assert errors[0]["detail"] == "must be 0.1 to 10,000 m/s, got 20,000 m/s"
 
 
 def test_alternatives_are_the_same_results_in_all_units(client: httpx.Client) -> None:

@@ -141,7 +141,7 @@ def test_error_appears_once_after_the_field_is_left(page: Page) -> None:
     expect(page.get_by_text("Speed must be at least 0.1 m/s.")).to_have_count(1)
     expect(page.locator(".problem:visible")).to_have_count(1)
     type_into(page, SPEED, "20000")
-    expect(page.get_by_text("Speed must be at most 10000 m/s.")).to_have_count(1)
+    expect(page.get_by_text("Speed must be at most 10,000 m/s.")).to_have_count(1)
 
 
 @pytest.mark.parametrize(

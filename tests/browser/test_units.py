@@ -67,9 +67,9 @@ OUT_OF_RANGE = [
     ("Young's modulus", "GPa", "0.05", r"Young's modulus must be greater than 0.0585\sGPa .* got 0.05\sGPa"),
     ("Young's modulus", "ksi", "8", r"Young's modulus must be greater than 8.485\sksi .* got 8\sksi"),
     ("Compressive strength", "MPa", "2000", r"Compressive strength must be at most 1000\sMPa"),
-    ("Compressive strength", "psi", "200000", r"Compressive strength must be at most 145038\spsi"),
-    ("Speed", "m/s", "20000", r"Speed must be at most 10000\sm/s"),
-    ("Speed", "ft/s", "50000", r"Speed must be at most 32808.4\sft/s"),
+    ("Compressive strength", "psi", "200000", r"Compressive strength must be at most 145,038\spsi"),
+    ("Speed", "m/s", "20000", r"Speed must be at most 10,000\sm/s"),
+    ("Speed", "ft/s", "50000", r"Speed must be at most 32,808.4\sft/s"),
 ]
 """Label, unit and value of a field, and the message for it, of the page or of the service."""
 

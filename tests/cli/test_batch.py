@@ -199,7 +199,7 @@ def test_terminal_shows_the_first_rows_of_a_table_instead_of_json(folder: Path, 
         ('{"impact": 3}', "cases.jsonl:3: /projectile: is missing"),
         ("oops", "cases.jsonl:3: not JSON"),
         ("", "cases.jsonl:3: is empty"),
-        (json.dumps(case_at(-1.0)), "cases.jsonl:3: /impact/velocity_m_s: must be 0.1 to 10000 m/s, got"),
+        (json.dumps(case_at(-1.0)), "cases.jsonl:3: /impact/velocity_m_s: must be 0.1 to 10,000 m/s, got"),
     ],
 )
 def test_invalid_line_is_named(served: Path, capsys: pytest.CaptureFixture[str], line: str, reason: str) -> None:
@@ -217,8 +217,8 @@ def test_invalid_line_is_named(served: Path, capsys: pytest.CaptureFixture[str],
     [
         ("--axis impact.speed=1,2", "--axis impact.speed=1,2: unknown field; did you mean `impact.velocity_m_s`?"),
         ("--axis projectile.nose.width=1,2", "nose.width=1,2: unknown field"),
-        ("--axis impact.velocity_m_s=300,-1", "--axis impact.velocity_m_s=300,-1: must be 0.1 to 10000 m/s"),
-        ("--axis impact.velocity_m_s=300 --mass -1", "--mass: must be 1e-06"),
+        ("--axis impact.velocity_m_s=300,-1", "--axis impact.velocity_m_s=300,-1: must be 0.1 to 10,000 m/s"),
+        ("--axis impact.velocity_m_s=300 --mass -1", "--mass: must be 1e-6"),
         ("--axis impact.velocity_m_s=1:2:100000 --axis projectile.mass_kg=1:2:100000", "points; 100,000 at most"),
     ],
 )

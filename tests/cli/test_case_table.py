@@ -123,7 +123,7 @@ def test_usual_spellings_of_headers_are_accepted(served: Path, capsys: pytest.Ca
             "velocity_m_s;mass_kg\n238;13\n238,5;13\n-1;-2\n",
             [
                 "cases.csv:3: velocity_m_s: must be a number, got '238,5'; write decimals with a point\n",
-                "cases.csv:4: velocity_m_s: must be 0.1 to 10000 m/s, got -1 m/s\n",
+                "cases.csv:4: velocity_m_s: must be 0.1 to 10,000 m/s, got -1 m/s\n",
                 "cases.csv:4: mass_kg: must be ",
                 "\n--skip-bad computes the others\n",
             ],
@@ -174,7 +174,7 @@ def test_valid_rows_are_computed_and_other_rows_have_their_error(
     ]
     assert [bool(row["critical_angle_deg"]) for row in rows] == [True, False, False, True]
     assert rows[0]["remark"] == "'=1+1"  # The apostrophe keeps spreadsheets from evaluating the cell.
-    assert rows[1]["error"] == "Speed (m/s): must be 0.1 to 10000 m/s, got -238 m/s"
+    assert rows[1]["error"] == "Speed (m/s): must be 0.1 to 10,000 m/s, got -238 m/s"
     assert rows[2]["error"].startswith("Length (mm): must be at least the length of the nose")
     assert cli.main([*command, "-o", "out.xlsx"]) == 3
     sheet = load_workbook(served / "out.xlsx").worksheets[0]
@@ -199,7 +199,7 @@ def test_workbook_is_read_as_the_table_it_shows(served: Path, capsys: pytest.Cap
         book.worksheets[0].append([row[0], row[1], float(row[2]) if row[2][-1:].isdigit() else row[2], *row[3:4]])
     book.save(served / "cases.xlsx")
     assert cli.main(["batch", "cases.xlsx", "--case", "strike.toml"]) == 2
-    assert "cases.xlsx:3: Speed (m/s): must be 0.1 to 10000 m/s, got -238 m/s\n" in capsys.readouterr().err
+    assert "cases.xlsx:3: Speed (m/s): must be 0.1 to 10,000 m/s, got -238 m/s\n" in capsys.readouterr().err
     (served / "cases.xlsx").write_bytes(b"PK no workbook")
     assert cli.main(["batch", "cases.xlsx", "--case", "strike.toml"]) == 2
     assert "cases.xlsx: not an Excel workbook" in capsys.readouterr().err

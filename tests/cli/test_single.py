@@ -241,7 +241,7 @@ def test_forces_and_energies_have_no_exponents(here: Path, capsys: pytest.Captur
     [
         ("cra", "--caliber-radius-head is missing"),
         ("cra strike.toml --velocity nan", "--velocity: must be a finite number, got nan"),
-        ("cra strike.toml --velocity -3", "--velocity: must be 0.1 to 10000 m/s, got -3 m/s"),
+        ("cra strike.toml --velocity -3", "--velocity: must be 0.1 to 10,000 m/s, got -3 m/s"),
         ("cra strike.toml --set impact", "--set impact: must be FIELD=VALUE"),
         ("cra strike.toml --set impact.velocity_m_s.x=3", "velocity_m_s is not an object"),
         ("cra strike.toml --length 0.05", "--length: must be at least the length of the nose"),
@@ -277,12 +277,12 @@ def test_forces_and_energies_have_no_exponents(here: Path, capsys: pytest.Captur
         ),
         (
             "cra strike.toml --compressive-strength 39",
-            "--compressive-strength: must be 100000 to 1e+09 Pa, got 39 Pa; give pascals, 39e6 for 39 MPa",
+            "--compressive-strength: must be 100,000 to 1e9 Pa, got 39 Pa; give pascals, 39e6 for 39 MPa",
         ),
         ("cra strike.toml --diameter 80", "--diameter: must be 0.001 to 5 m, got 80 m; give metres, 0.08 for 80 mm"),
         (
             "sweep strike.toml --axis target.compressive_strength_pa=30:40:3",
-            "--axis target.compressive_strength_pa=30:40:3: must be 100000 to 1e+09 Pa, got 30 Pa; give pascals, 30e6",
+            "--axis target.compressive_strength_pa=30:40:3: must be 100,000 to 1e9 Pa, got 30 Pa; give pascals, 30e6",
         ),
         ("report strike.toml --compressive-strength 39", "39e6 for 39 MPa"),
         ("trajectory strike.toml --angle 95", "--oblique-angle: must be less than 90°, got 95°"),

@@ -261,7 +261,7 @@ MANY: Any = np.array([200.0, 300.0])
         ("projectile.length", lambda: projectile(length=530.0), "must be 0.001 to 20 m, got 530 m"),
         ("projectile.mass", lambda: projectile(mass=1e9), "must be 1e-6 to 1e7 kg, got 1e9 kg"),
         (CRH, lambda: projectile(nose=Ogive(caliber_radius_head=101.0), length=2.0), "0.5 to 100"),
-        ("impact.velocity", lambda: impact(velocity=2e4), "must be 0.1 to 10000 m/s"),
+        ("impact.velocity", lambda: impact(velocity=2e4), "must be 0.1 to 10,000 m/s"),
         ("impact.oblique_angle", lambda: impact(oblique_angle=55.0), "give radians, math.radians(55) for 55°"),
         ("impact.angle_of_attack", lambda: impact(angle_of_attack=3.0), "give radians, math.radians(3) for 3°"),
         ("search.lower", lambda: Search(lower=5), "give radians, math.radians(5) for 5°"),

@@ -254,8 +254,8 @@ def test_fit_of_depths_warns_about_the_same_shot() -> None:
 @pytest.mark.parametrize(
     ("field", "shots"),
     [
-        ("strength_factor.shots: must hold 1 to 1,000 shots, got 0", ()),
-        ("strength_factor.shots: must hold 1 to 1,000 shots, got 1,001", (SHOTS[0],) * 1001),
+        ("strength_factor.shots: must hold 1 to 1000 shots, got 0", ()),
+        ("strength_factor.shots: must hold 1 to 1000 shots, got 1001", (SHOTS[0],) * 1001),
         ("shots.1.depth", (SHOTS[0], Shot(velocity=300.0, depth=0.0))),
         ("shots.0.depth", (Shot(velocity=300.0, depth=math.nan),)),
         ("shots.0.velocity", (Shot(velocity=-1.0, depth=0.3),)),

@@ -211,7 +211,7 @@ def test_missing_values_of_a_frame_are_omitted_fields() -> None:
         (pd.DataFrame({"velocity": [200.0, 250.0]}), "tests: must have the columns velocity, depth"),
         (
             pd.DataFrame(FRAME | {"velocity": [200.0, math.nan, 1.0]}),
-            r"tests.1.velocity: must be 0.1 to 10000 m/s, got nan m/s",
+            r"tests.1.velocity: must be 0.1 to 10,000 m/s, got nan m/s",
         ),
         (pd.DataFrame(ALL_COLUMNS), "tests.2.group: must be given"),
         ([{"velocity": 200.0, "depth": 0.2}], "tests.0: must be a DepthTest, got dict"),

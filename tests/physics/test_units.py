@@ -25,7 +25,18 @@ from solver import (
 from solver.flight import landing_sentence
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 from solver.uncertainty import TruncatedNormal, judge_wall
-from solver.units import UnitSystem, fixed, interval, number, quantity, rounded, system_in_use, written_in
+from solver.units import (
+    Amount,
+    UnitSystem,
+    fixed,
+    interval,
+    number,
+    quantity,
+    rounded,
+    system_in_use,
+    whole_number,
+    written_in,
+)
 from tests.quantities_in_texts import check_converted
 
 OTHER = replace(PAPER_TARGET, compressive_strength=120e6, density=2400.0)
@@ -118,7 +129,7 @@ def test_distances_of_a_flight_are_rounded_up_in_both_systems() -> None:
     with written_in("us"):
         sentence = landing_sentence(30.2, 95.0, 1204.0)
     assert sentence == (
-        "Lands about 100 ft away if it tumbles as computed, up to 320 ft at any elevation, at most 3,960 ft without "
+        "Lands about 100 ft away if it tumbles as computed, up to 320 ft at any elevation, at most 3960 ft without "
         "drag."
     )
 
@@ -188,12 +199,27 @@ def test_limits_are_rounded_to_the_safe_side() -> None:
 
 def test_numbers_of_ordinary_size_have_no_exponent() -> None:
     assert number(1.17, "mm", 3) == "1170"
-    assert quantity(12346.0, "m/s") == "12350 m/s"
+    assert quantity(12346.0, "m/s") == "12,350 m/s"
     assert interval(0.473, 0.629, "mm") == "473 to 629 mm"
     assert fixed(-1e-9, "mm") == "0"
+    assert number(1.2e6, "", 12) == "1,200,000"
+    assert quantity(1e30, "Pa") == "1e30 Pa"
+
+
+def test_thousands_are_grouped_from_five_digits_on() -> None:
+    for value, text in ((9999, "9999"), (-9999, "-9999"), (10_000, "10,000"), (-1_234_567, "-1,234,567")):
+        assert whole_number(value) == number(float(value), "", 7) == fixed(float(value), "") == text
+    assert number(12345.6, "m/s", 6) == "12,345.6"
+    assert rounded(12.3451, "mm", math.ceil) == "12,346"
+    assert interval(5000.0, 12000.0, "kg/m³") == "5000 to 12,000 kg/m³"
+    assert str(Amount(math.nan, "mm")) == "nan m"
+    assert str(Amount(-math.inf, "mm")) == "-inf m"
+
+
+def test_quantities_of_us_units_have_no_exponent_either() -> None:
     with written_in("us"):
         assert interval(0.473, 0.629, "mm") == "18.62 to 24.76 in"
-        assert quantity(97e6, "MPa") == "14070 psi"
+        assert quantity(97e6, "MPa") == "14,070 psi"
         assert quantity(45.0, "°") == "45°", "common to both systems"
 
 

@@ -155,7 +155,7 @@ def test_usual_dialects_of_csv_are_read(file: Path, content: bytes) -> None:
         ("velocity,depth,Sabot Mass (kg)\n200,0.2,1\n300,0.4,1\n", 1, "'Sabot Mass (kg)' is not read as mass; choose"),
         (";;\n;;\n", None, "the file holds comments only"),
         ("velocity_m_s,depth_furlong\n200,0.2\n300,0.4\n", 1, "unknown unit 'furlong' of depth, known are m, cm, mm"),
-        ("velocity_km_s,depth_m\n200,0.2\n300,0.4\n", 2, "velocity is above 10 km/s (wrong unit?), got 200000 m/s"),
+        ("velocity_km_s,depth_m\n200,0.2\n300,0.4\n", 2, "velocity is above 10 km/s (wrong unit?), got 200,000 m/s"),
         ("velocity,depth\n200,0.2\n300,400\n", 3, "depth is above 1000 diameters (wrong unit?), got 400 m"),
         ('velocity_m_s,depth_m\n200,0.2\n"300,0.4\n', 3, "not a CSV file"),
     ],

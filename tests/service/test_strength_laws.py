@@ -62,7 +62,7 @@ def test_texts_of_alternatives_state_the_data_of_each_law() -> None:
     }
     assert {law: data_behind(law()) for law in expected} == expected
     with written_in("us"):
-        assert "0.3937 to 7.992 in, 1885 to 15660 psi" in data_behind(solver.PublishedTests())
+        assert "0.3937 to 7.992 in, 1885 to 15,660 psi" in data_behind(solver.PublishedTests())
 
 
 def data_behind(law: StrengthFactor) -> str:

@@ -14,7 +14,7 @@ import { markFresh, markPending, markSettled, markStale } from "../stale.js";
 import { computeStudy } from "../study.js";
 import { describeStudy, drawCurve, drawTornado, sensitivityTable } from "../study-plots.js";
 import { Verdict } from "../verdict.js";
-import { warningList } from "../words.js";
+import { grouped, warningList } from "../words.js";
 
 const REST_MS = 800; // pause without a change before the study runs again
 
@@ -166,7 +166,7 @@ class HowSure {
   /** Show an answer, or the number of samples and the curve so far. */
   async #show(study, values, signal) {
     const { parts } = this;
-    parts.progress.textContent = `${study.samples.toLocaleString("en")} samples ...`;
+    parts.progress.textContent = `${grouped(study.samples)} samples ...`;
     if (!study.probability) return;
     parts.results.hidden = parts.toResults.hidden = false;
     parts.answerPanel.hidden = parts.sensitivity.hidden = !study.critical_angle;

@@ -51,7 +51,7 @@ class JobsView {
     const options = ["trajectory", "cra"].map((value) => element("option", { value }, names.operations[value]));
     const operation = element("select", { "aria-label": "What is computed" }, ...options);
     const note =
-      "A header of fields in SI, such as velocity_m_s or projectile.length_m, and up to 1,000 cases, one in each row. Fields without a column are those of the case in the other views.";
+      "A header of fields in SI, such as velocity_m_s or projectile.length_m, and up to 1000 cases, one in each row. Fields without a column are those of the case in the other views.";
     acceptDroppedFile(text);
     const onsubmit = (event) => {
       event.preventDefault();

@@ -13,6 +13,7 @@ import { QUICK, usualAround } from "../scatter.js";
 import { isAbort, request } from "../service.js";
 import { isSame, isSmall, mapOfJob, mapQuery, readMap, sweepRequest } from "../sweep.js";
 import { Verdict } from "../verdict.js";
+import { grouped } from "../words.js";
 
 /** Show the map of a query or, if the query names a job, the map of the job with its results. */
 export async function show(root, query) {
@@ -88,10 +89,9 @@ class MapView {
   #change(map) {
     this.#form = map;
     this.runButton.disabled = !map;
-    this.size.textContent = map ? `${(map.x.count * map.y.count).toLocaleString("en")} cases` : "";
-    const isShown = Boolean(map && this.#shown && isSame(map, this.#shown));
-    if (map) replaceAddress("map", mapQuery({ ...map, job: isShown ? this.#shown.job : "" }));
-    if (this.#shown) this.picture.compare(isShown, Boolean(map));
+    this.size.textContent = map ? `${grouped(map.x.count * map.y.count)} cases` : "";
+    if (map) replaceAddress("map", mapQuery({ ...map, job: this.#jobOf(map) }));
+    if (this.#shown) this.picture.compare(map && isSame(map, this.#shown), Boolean(map));
   }
 
   /** Compute a map as a job, and show a small map, or a coarse grid, at once. The small map with which the view opens needs no job. */

@@ -12,7 +12,7 @@ import { request } from "../service.js";
 import { markFresh, markStale } from "../stale.js";
 import { inUnits, unitOf } from "../units.js";
 import { sentencesOf, showCard, verdictSection } from "../verdict.js";
-import { endingShown, warningList } from "../words.js";
+import { endingShown, grouped, warningList } from "../words.js";
 
 const THICKNESS = "target.thickness_m";
 const SPEED = "impact.velocity_m_s";
@@ -94,7 +94,7 @@ function rangeShown({ in_range: isWithin, range_known: isKnown, out_of_range: ou
 function bare(value, round) {
   const { unit, factor } = unitOf("mm");
   const step = unit === "mm" ? 1 : 0.1;
-  return value === undefined ? "" : (round(value / factor / step - 1e-9) * step).toFixed(unit === "mm" ? 0 : 1);
+  return value === undefined ? "" : grouped((round(value / factor / step - 1e-9) * step).toFixed(unit === "mm" ? 0 : 1));
 }
 
 function build(root) {
