@@ -17,7 +17,7 @@ from solver.projectile import Projectile
 from solver.resistance import StrengthPowerLaw, nose_factor
 from solver.strike import Impact
 from solver.target import Target
-from solver.units import quantity
+from solver.units import number, quantity, with_symbol
 
 NoseClass: TypeAlias = Literal["flat", "blunt", "hemispherical", "sharp"]
 """Class of a nose, in order of increasing penetration."""
@@ -647,6 +647,13 @@ def _not_flat(projectile: Projectile) -> tuple[OutOfRange, ...]:
     return () if nose == "flat" else (OutOfRange("projectile.nose", f"fitted to flat noses, here {nose}"),)
 
 
+BOUND_DIGITS = 5
+"""Largest number of significant digits of the bounds of a formula's range. [1]"""
+# A bound such as 18 diameters is a round number, and with two digits 19.58 would be 20.
+FEWEST_DIGITS = 3
+"""Least number of significant digits of a value outside the range of a formula. [1]"""
+
+
 def _outside(
     field: str, value: float, lowest: float, highest: float, unit: str = "", *, of: str = ""
 ) -> tuple[OutOfRange, ...]:
@@ -661,8 +668,20 @@ def _outside(
     """
     if lowest <= value <= highest:
         return ()
-    least, most, here = (quantity(each, unit, 5) for each in (lowest, highest, value))
+    least, most = (quantity(each, unit, BOUND_DIGITS) for each in (lowest, highest))
     bounds = f"from {least} to {most}" if lowest > 0.0 else f"up to {most}"
     if math.isinf(highest):
         bounds = f"at least {least}"
+    here = _beyond(value, lowest if value < lowest else highest, unit)
     return (OutOfRange(field, f"fitted {bounds} {of}".rstrip() + f", here {here}"),)
+
+
+def _beyond(value: float, bound: float, unit: str) -> str:
+    """Format a value that is beyond a bound, with the digits of the bound and up to two more if both look the same."""
+    end = number(bound, unit, BOUND_DIGITS)
+    digits = sum(each.isdecimal() for each in end.lstrip("0."))
+    for more in range(max(digits, FEWEST_DIGITS), digits + 3):
+        text = number(value, unit, more, converted_digits=more)
+        if text != end:
+            return with_symbol(text, unit)
+    return f"just {'below' if value < bound else 'above'} {with_symbol(end, unit)}"

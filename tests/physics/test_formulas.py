@@ -321,14 +321,23 @@ def test_oblique_strike_enters_with_its_normal_component() -> None:
 def test_range_names_the_input_the_bounds_and_the_value() -> None:
     fast = by_name(FLAT, replace(PAPER_TARGET, compressive_strength=60e6), normal(400.04))
     assert [item.field for item in fast["chang"].out_of_range] == ["impact.velocity", "target.compressive_strength"]
-    assert fast["chang"].out_of_range[0].detail == "fitted from 16 m/s to 312 m/s along the normal, here 400.04 m/s"
+    assert fast["chang"].out_of_range[0].detail == "fitted from 16 m/s to 312 m/s along the normal, here 400 m/s"
     assert fast["chang"].out_of_range[1].detail == "fitted from 23 MPa to 46 MPa, here 60 MPa"
     assert not fast["chang"].in_range
     assert by_name(FLAT, PAPER_TARGET, normal(150.0))["chang"].in_range
     assert by_name(FLAT, PAPER_TARGET, normal(150.0))["cea_edf"].in_range
     light = ukaea(projectile=replace(PAPER, mass=1.0), target=PAPER_TARGET, impact=normal(150.0))
     (outside,) = light.out_of_range
-    assert outside.detail == "fitted from 5000 kg/m³ to 200000 kg/m³ (M/d³), here 1953.1 kg/m³"
+    assert outside.detail == "fitted from 5000 kg/m³ to 200,000 kg/m³ (M/d³), here 1953 kg/m³"
+
+
+@pytest.mark.parametrize(
+    ("speed", "shown"),
+    [(400.0, "400"), (312.4, "312.4"), (312.04, "312.04"), (312.001, "just above 312"), (7.777, "7.78")],
+)
+def test_value_outside_a_range_has_about_as_many_digits_as_the_bound(speed: float, shown: str) -> None:
+    (outside,) = by_name(FLAT, PAPER_TARGET, normal(speed))["chang"].out_of_range
+    assert outside.detail == f"fitted from 16 m/s to 312 m/s along the normal, here {shown} m/s"
 
 
 def test_formula_for_flat_noses_is_out_of_range_for_other_noses() -> None:
