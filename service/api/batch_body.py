@@ -32,12 +32,13 @@ from service.jobs.models import JobCase, StoredSweep
 from service.operations import KeyedRequest
 from service.queries import check_work
 from service.schemas.batches import MOST_LINES, Cases
+from service.schemas.quantities import named_units
 from service.schemas.requests import Case
 from service.schemas.sweeps import Grid, Outline
 from service.telemetry import path_of
 from service.workers.worker import check_requests
 from solver import ParameterError
-from solver.units import whole_number
+from solver.units import whole_number, written_in
 
 CASES_AT_ONCE = 200
 """Number of cases validated in one call, which takes about 5 ms."""
@@ -124,7 +125,7 @@ class BatchReader:
         for first in range(0, len(found.cases), CASES_AT_ONCE):
             part = found.cases[first : first + CASES_AT_ONCE]
             valid, errors = await run_sync(self._validate_part, part, first, limiter=reading)
-            errors |= await self._check(valid)
+            errors |= await self._check(valid, part, first)
             if errors:
                 raise InvalidBodyError([error for number in sorted(errors) for error in errors[number]])
             cases += valid.values()
@@ -172,24 +173,24 @@ class BatchReader:
                     errors[number] = [{"pointer": place, "detail": detail}]
                 else:
                     cases[number] = self._case(content)
-            except ValidationError as error:
-                errors[number] = validation_errors(errors_found(error), place)
-            except ParameterError as error:
-                errors[number] = behind(place, field_errors(error))
+            except (ValidationError, ParameterError) as error:
+                errors[number] = behind(place, errors_of_case(error, content))
             # A response lists at most `MAX_ERRORS` errors, so the rest of the part need not be validated.
             if sum(map(len, errors.values())) > MAX_ERRORS:
                 break
         return cases, errors
 
-    async def _check(self, cases: dict[int, JobCase]) -> dict[int, list[dict[str, str]]]:
-        """Have workers check that the values of each case are consistent; return the errors by case number.
+    async def _check(
+        self, cases: dict[int, JobCase], part: Sequence[Any], first: int
+    ) -> dict[int, list[dict[str, str]]]:
+        """Have workers check that the values of each case of a part are consistent; return the errors by case number.
 
         Lines of JSONL and points of a sweep are not checked here: their errors are the results of their cases.
         """
         canonical = self._services.queries.operations[self._operation].request
         numbers, errors = list(cases), dict[int, list[dict[str, str]]]()
-        for first in range(0, len(numbers), CHECKED_AT_ONCE):
-            some = numbers[first : first + CHECKED_AT_ONCE]
+        for begin in range(0, len(numbers), CHECKED_AT_ONCE):
+            some = numbers[begin : begin + CHECKED_AT_ONCE]
             requests = [cases[number].request.json for number in some]
             # A worker does the check, which takes some milliseconds and would block the event loop meanwhile.
             checking = self._services.executor.submit(
@@ -200,7 +201,9 @@ class BatchReader:
                 cost=CHECK_COST * len(requests),
             )
             wrong = await unless_left(self._request, checking)
-            errors |= {some[place]: behind(f"/cases/{some[place]}", found) for place, found in wrong.items()}
+            for place, error in wrong.items():
+                number = some[place]
+                errors[number] = behind(f"/cases/{number}", errors_of_case(error, part[number - first]))
         return errors
 
     async def _read_lines(self, parts: AsyncIterator[list[bytes]]) -> AsyncIterator[list[JobCase]]:
@@ -232,18 +235,18 @@ class BatchReader:
             raise InvalidBodyError([{"pointer": pointer, "detail": detail}], place)
         if not line.strip():
             raise InvalidBodyError([{"pointer": pointer, "detail": "is empty"}], place)
+        content = None
         try:
-            return self._case(parse_json(line, BodyLimits.of_one(self._limits)))
+            content = parse_json(line, BodyLimits.of_one(self._limits))
+            return self._case(content)
         except InvalidBodyError as error:
             raise InvalidBodyError(behind(pointer, error.errors), place) from error
         except HTTPException as error:
             # The parser has seen only this line, so its line number is always 1. `place` has the real number.
             detail = error.detail.replace(" at line 1 column ", " at column ")
             raise InvalidBodyError([{"pointer": pointer, "detail": detail}], place) from error
-        except ValidationError as error:
-            raise InvalidBodyError(validation_errors(errors_found(error), pointer), place) from error
-        except ParameterError as error:
-            raise InvalidBodyError(behind(pointer, field_errors(error)), place) from error
+        except (ValidationError, ParameterError) as error:
+            raise InvalidBodyError(behind(pointer, errors_of_case(error, content)), place) from error
 
     def _make_grid(self, body: bytes, limits: BodyLimits) -> tuple[Outline, Grid]:
         """Parse the body of a sweep, and return its base and axes, and its grid."""
@@ -251,7 +254,8 @@ class BatchReader:
         if len(to_json(outline.base)) > self._limits.max_body_bytes:
             detail = f"may be {whole_number(self._limits.max_body_bytes)} bytes long at most"
             raise InvalidBodyError([{"pointer": "/base", "detail": detail}])
-        return outline, grid_of(self._model, outline)
+        with written_in(named_units(outline.base)):
+            return outline, grid_of(self._model, outline)
 
     async def _read_points(self, grid: Grid) -> AsyncIterator[list[JobCase]]:
         """Yield the cases of a sweep in blocks."""
@@ -264,7 +268,7 @@ class BatchReader:
         return [self._validate_point(grid, *numbered) for numbered in itertools.islice(points, CASES_AT_ONCE)]
 
     def _validate_point(self, grid: Grid, number: int, point: tuple[float, ...]) -> JobCase:
-        with errors_of_point(grid, number, point):
+        with written_in(named_units(grid.base)), errors_of_point(grid, number, point):
             return self._case(grid.request(point))
 
 
@@ -301,6 +305,12 @@ async def split_lines(
         if len(rest) > max_bytes:
             break
     yield [*lines, rest] if rest else lines
+
+
+def errors_of_case(error: ValidationError | ParameterError, content: Any) -> list[dict[str, str]]:
+    """Return the errors of a case with pointers into it, in the units that it names."""
+    with written_in(named_units(content)):
+        return field_errors(error) if isinstance(error, ParameterError) else validation_errors(errors_found(error))
 
 
 def behind(pointer: str, errors: Sequence[dict[str, str]]) -> list[dict[str, str]]:

@@ -68,13 +68,12 @@ def wrong_cases(operation: str, cases: Iterable[Any]) -> dict[int, list[dict[str
             check_work(request, most)
             keyed = KeyedRequest.of(operation, request)
             wrong = check_requests(canonical, [keyed.json]) if number < MOST_CHECKED else {}
+            if wrong:
+                raise wrong[0]
         except (InvalidBodyError, ParameterError) as error:
             found[number] = field_errors(error)
         except ValueError as error:
             found[number] = [{"pointer": "", "detail": f"not JSON: {error}" if case.strip() else "is empty"}]
-        else:
-            if wrong:
-                [found[number]] = wrong.values()
     return found
 
 

@@ -8,6 +8,7 @@ from contextlib import AbstractContextManager, aclosing, nullcontext
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
+import orjson
 from anyio import CancelScope, create_task_group
 from anyio.abc import TaskGroup
 from anyio.to_thread import run_sync
@@ -17,6 +18,8 @@ from service.errors import ComputationCancelled, PoolUnavailableError, QueueFull
 from service.jobs.models import JobCase
 from service.operations import Operation
 from service.queries import Answered, QueryService, Rate
+from service.schemas.quantities import named_units
+from solver.units import written_in
 
 URGENT_SECONDS = 0.1
 """Desired duration of a chunk that a client waits for, short so that the first results come soon [s]."""
@@ -164,10 +167,15 @@ class Run:
 
     def results(self, key: str, record: Record | None, error: Exception | None, *, own: bool) -> list[CaseResult]:
         """Return the results of all cases with a key. `own` is True if the result was computed by this run."""
-        problem = None if error is None else case_problem(error)
+        cases = self.cases.pop(key)
+        problem = None
+        if error is not None:
+            [case, *_] = cases.values()
+            with written_in(named_units(orjson.loads(case.request.json))):
+                problem = case_problem(error)
         return [
             CaseResult(number, case.custom_id, record, problem, cached=not own or place > 0)
-            for place, (number, case) in enumerate(self.cases.pop(key).items())
+            for place, (number, case) in enumerate(cases.items())
         ]
 
 

@@ -16,7 +16,6 @@ from typing import Any, NamedTuple, NoReturn
 
 from service.cache.record import FloatColumns, Record
 from service.cache.segments import Segment, encode_segments
-from service.errors import field_errors
 from service.operations import SCHEMA_VERSION
 from service.schemas.quantities import Part
 from service.schemas.uncertainty import UncertainCase
@@ -53,15 +52,15 @@ def close_chunk(chunk: str) -> Sequence[Segment]:
     return encode_segments(_chunks.pop(chunk, []))
 
 
-def check_requests(model: type[Part], requests: Sequence[bytes]) -> dict[int, list[dict[str, str]]]:
+def check_requests(model: type[Part], requests: Sequence[bytes]) -> dict[int, ParameterError]:
     """Return the errors that the solver finds in requests which satisfy their schema, by position."""
-    wrong = {}
+    wrong: dict[int, ParameterError] = {}
     for number, request in enumerate(requests):
         try:
             case: Any = model.model_validate_json(request)
             case.study() if isinstance(case, UncertainCase) else case.arguments()
         except ParameterError as error:
-            wrong[number] = field_errors(error)
+            wrong[number] = error
     return wrong
 
 

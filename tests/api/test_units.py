@@ -1,5 +1,6 @@
 """Texts of answers in the units of the request; fields stay in SI."""
 
+import json
 from typing import Any
 
 import httpx
@@ -126,6 +127,31 @@ def test_refusals_are_in_the_units_that_the_request_names(client: httpx.Client, 
         problem = refused.json()
         assert problem["errors"][0]["detail"] == message
         assert message in problem["detail"]
+
+
+@pytest.mark.parametrize("place", ["/cases/0", "/0", "/base"])
+def test_refusals_of_many_cases_are_in_the_units_of_each(client: httpx.Client, place: str) -> None:
+    """Cases that take units, which are those of studies, are refused in theirs."""
+    axis = {"field": "projectile.mass_kg", "values": [13.0, 14.0]}
+    study = STRIKE | {"uncertain": SAMPLED["uncertain"], "impact": {"velocity_m_s": 2e4, "oblique_angle_deg": 50.0}}
+    in_si, in_us = "must be 0.1 to 10,000 m/s, got 20,000 m/s", "must be 0.328084 to 32,808.4 ft/s, got 65,616.8 ft/s"
+    for units, message in (({}, in_si), ({"units": "si"}, in_si), ({"units": "us"}, in_us)):
+        case = study | units
+        sent: dict[str, tuple[str, dict[str, Any]]] = {
+            "/cases/0": ("batch", {"json": {"cases": [case]}}),
+            "/0": ("batch", {"content": json.dumps(case), "headers": {"Content-Type": "application/jsonl"}}),
+            "/base": ("sweep", {"json": {"base": case, "axes": [axis]}}),
+        }
+        path, content = sent[place]
+        [error] = client.post(f"/trajectory/uncertainty/{path}", **content).json()["errors"]
+        assert error == {"pointer": f"{place}/impact/velocity_m_s", "detail": message}
+
+
+def test_checks_of_workers_are_in_the_units_of_each_case(client: httpx.Client) -> None:
+    path, body, messages = REFUSED["parameter of a distribution"]
+    cases = [body | units for units in ({}, {"units": "si"}, {"units": "us"})]
+    errors = client.post(f"{path}/batch", json={"cases": cases}).json()["errors"]
+    assert [each["detail"] for each in errors] == messages
 
 
 def test_units_that_are_no_system_leave_refusals_in_those_of_the_fields(client: httpx.Client) -> None:

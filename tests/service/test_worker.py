@@ -81,7 +81,7 @@ async def test_requests_with_contradictory_values_are_named(pool: ProcessPool) -
     short = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.1}}
     requests = [canonical(CriticalAngleRequest.model_validate(each)) for each in (PAPER, short)]
     wrong = await pool.submit(check_requests, CriticalAngleRequest, requests)
-    assert [(place, errors[0]["pointer"]) for place, errors in wrong.items()] == [(1, "/projectile/length_m")]
+    assert [(place, error.field) for place, error in wrong.items()] == [(1, "projectile.length")]
 
 
 async def test_solver_error_from_a_worker_names_its_field(pool: ProcessPool) -> None:
