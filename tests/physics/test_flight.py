@@ -179,7 +179,7 @@ def test_faces_tilted_beyond_vertical_are_refused() -> None:
 def test_distances_in_sentences_are_rounded_up() -> None:
     found = flight(speed=101.1, elevation=math.radians(19.18), **PAPER)
     assert str(found) == (
-        "Lands about 410 m away if it tumbles as computed, up to 520 m at any elevation, at most 1,050 m without drag."
+        "Lands about 410 m away if it tumbles as computed, up to 520 m at any elevation, at most 1050 m without drag."
     )
 
 
