@@ -333,7 +333,7 @@ AT_50: dict[str, Any] = {"oblique_angle": math.radians(50.0), "outcome": Outcome
 
 
 LANDING = (
-    "Lands about 410 m away if it tumbles as computed, up to 520 m at any elevation, at most 1,050 m without drag."
+    "Lands about 410 m away if it tumbles as computed, up to 520 m at any elevation, at most 1050 m without drag."
 )
 LANDED = Flight(
     range=405.8,
