@@ -332,9 +332,7 @@ OVER_THEORIES = "Over the theories: 90 % range 43° to 51°"
 AT_50: dict[str, Any] = {"oblique_angle": math.radians(50.0), "outcome": Outcome.EMBEDDED}
 
 
-LANDING = (
-    "Lands about 410 m away if it tumbles as computed, up to 520 m at any elevation, at most 1050 m without drag."
-)
+LANDING = "Lands about 410 m away if it tumbles as computed, up to 520 m at any elevation, at most 1050 m without drag."
 LANDED = Flight(
     range=405.8,
     flight_time=5.92,
