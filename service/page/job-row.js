@@ -5,7 +5,7 @@ import { downloadButtons, shortId } from "./downloads.js";
 import { element } from "./elements.js";
 import { baseCase } from "./job-case.js";
 import { isFinal, progressWords } from "./job-progress.js";
-import { isMap } from "./sweep.js";
+import { mapNameOf } from "./sweep.js";
 import { grouped } from "./words.js";
 
 /** Names of the columns; in a narrow window a row becomes a card, where each cell shows the name of its column. */

@@ -1,7 +1,6 @@
 // Results of the cells of a map, and texts that describe them.
 
 import { csvOf } from "./plots.js";
-import { unitOf } from "./units.js";
 import { grouped, lengthShown, outcomeShown, statusShown, warningShown } from "./words.js";
 
 /** Quantities that a map shows by colours, by operation: `column` is the name in CSV, `si` the unit when SI is shown. Outcomes have none. */

@@ -4,10 +4,7 @@ import { isFinal, resultsOf, statesOf } from "./job-progress.js";
 import { pause, untilAnswered } from "./lost.js";
 import { readCell } from "./map-cells.js";
 import { request } from "./service.js";
-import { reportRequest } from "./report.js";
-import { clipped } from "./run.js";
-import { QUICK, takeUsual, uncertainInput, usualInputs } from "./scatter.js";
-import { caseAt, quickSweep } from "./sweep.js";
+import { evenly, isSmall, mapNameOf, numbers, OPERATIONS, sweepRequest } from "./sweep.js";
 import { grouped } from "./words.js";
 
 const COARSE = 8; // rows and columns of the preview of a large map
