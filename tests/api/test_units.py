@@ -161,7 +161,7 @@ def test_units_that_are_no_system_leave_refusals_in_those_of_the_fields(client: 
         assert errors[0]["detail"] == "must be 0.1 to 10,000 m/s, got 20,000 m/s"
 
 
-def test_alternatives_are_the_same_results_in_all_units(client: httpx.Client) -> None:
+def test_alternatives_are_shared_by_requests_in_all_units(client: httpx.Client) -> None:
     body = SEARCH | {"alternatives": True, "output": {}}
     si, us = (client.post("/cra", json=body | units).json() for units in ({}, {"units": "us"}))
     assert compare(si["alternatives"], us["alternatives"]) > 0

@@ -110,7 +110,7 @@ def test_bounds_of_distributions_are_in_the_unit_of_their_field(
     expected(faults, "422")
 
 
-def test_a_link_keeps_the_units_of_its_sender(new_page: NewPage) -> None:
+def test_link_keeps_the_units_of_its_sender(new_page: NewPage) -> None:
     page = new_page()
     page.goto("/#/walls?target.thickness_m=0.4")
     page.get_by_label("Units").select_option("US")

@@ -303,7 +303,7 @@ def test_numpy_numbers_are_accepted() -> None:
         assert impact(velocity=value).velocity == 238.0
 
 
-def test_bounds_equal_those_of_the_contract() -> None:
+def test_bounds_equal_the_bounds_in_the_contract() -> None:
     """Solver and contract have the same bounds of numbers, included or excluded, and show them in the same units."""
     schema = TrajectoryRequest.model_json_schema()["$defs"] | {"FlightRequest": FlightRequest.model_json_schema()}
     parts = {

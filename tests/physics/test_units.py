@@ -187,7 +187,7 @@ def test_amounts_without_a_unit_take_that_of_their_field() -> None:
         assert str(error) == "uncertain.0: with {braces} must be below the mean, 39 MPa"
 
 
-def test_limits_are_rounded_to_the_safe_side() -> None:
+def test_limits_are_rounded_towards_the_safe_side() -> None:
     assert rounded(0.3001, "mm", math.ceil) == "301"
     assert rounded(0.3, "mm", math.ceil) == "300", "what rounding errors add is not another millimetre"
     assert rounded(238.9, "m/s", math.floor) == "238"
