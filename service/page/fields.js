@@ -56,7 +56,7 @@ export const GROUPS = [
       fieldOf("choice", "projectile.nose.shape", "", { variant: true }),
       number("projectile.nose.caliber_radius_head"),
       number("projectile.nose.length_to_diameter"),
-      fieldOf("numbers", "projectile.nose.points", "mm", { pairs: true, note: "a pair a line" }),
+      fieldOf("numbers", "projectile.nose.points", "mm", { pairs: true, note: "one pair on each line" }),
       number("projectile.diameter_m", "mm"),
       number("projectile.length_m", "mm"),
       number("projectile.mass_kg", "kg", { fill: { name: "Steel", of: ({ projectile }) => STEEL_KG_M3 * solidVolume(projectile) } }),
@@ -71,7 +71,7 @@ export const GROUPS = [
     fields: [
       fieldOf("choice", "target.characteristic_strength_pa", "", {
         ...{ classes: CONCRETE_PA, label: "Concrete class", takes: meanOfClass },
-        note: "the model takes its mean strength, design values the characteristic one",
+        note: "the model uses its mean strength, design values its characteristic strength",
       }),
       number("target.compressive_strength_pa", "MPa", { note: "mean, of cylinders" }),
       number("target.density_kg_m3", "kg/m³"),
@@ -95,7 +95,7 @@ export const GROUPS = [
     fields: [
       fieldOf("choice", "resistance.strength_factor.model", "", { variant: true }),
       fieldOf("shots", "resistance.strength_factor.shots", "", {
-        note: "a line each, at normal impact into this concrete; paste or drop a CSV",
+        note: "one on each line, at normal impact into this concrete; paste or drop a CSV",
       }),
       number("resistance.strength_factor.value"),
       fieldOf("numbers", "resistance.strength_factor.coefficients", "", { ...OPTIONAL, note: "of 1, θ, θ² ..." }),

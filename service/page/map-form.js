@@ -144,13 +144,13 @@ function problemOf({ field, start, stop, count }, other, map) {
   const { factor, unit, path } = fieldAt(field);
   const bounds = boundsOf({ path, factor }, map.values);
   for (const [part, end] of [start, stop].entries()) {
-    if (Number.isNaN(end)) return { text: "Both ends have to be numbers.", parts: [part] };
+    if (Number.isNaN(end)) return { text: "Both ends must be numbers.", parts: [part] };
     const broken = outside(shownNumber({ factor }, end), bounds);
-    if (broken) return { text: `Has to be ${broken[0]} ${withUnit(broken[1], unit)}.`, parts: [part] };
+    if (broken) return { text: `Must be ${broken[0]} ${withUnit(broken[1], unit)}.`, parts: [part] };
   }
-  if (start > stop) return { text: "From has to be below To.", parts: [0, 1] };
+  if (start > stop) return { text: "From must be below To.", parts: [0, 1] };
   if (start === stop && count > 1) return { text: "The ends are the same.", parts: [0, 1] };
   const { most = 100 } = OPERATIONS[map.operation];
   const isCount = Number.isInteger(count) && count >= 1 && count <= most;
-  return isCount ? undefined : { text: `Takes 1 to ${most} values.`, parts: [2] };
+  return isCount ? undefined : { text: `Must be 1 to ${most} values.`, parts: [2] };
 }

@@ -49,7 +49,7 @@ export async function followMap(map, { onProgress, onCells }, signal, known = []
   const follow = async () => {
     for await (job of statesOf(map.job, signal)) {
       if (mapNameOf(job) !== map.operation || job.counts.total !== cells.length) {
-        throw new Error("The job is that of another map. Run this one.");
+        throw new Error("The job belongs to another map. Run this map.");
       }
       onProgress(job);
     }
@@ -77,6 +77,6 @@ export async function followMap(map, { onProgress, onCells }, signal, known = []
 export function endWords({ status, counts, problem }) {
   const [total, done] = [counts.total, counts.done].map(grouped);
   if (status === "dismissed") return `Cancelled after ${done} of ${total} cases.`;
-  if (status === "failed" || status === "damaged") return `Given up after ${done} of ${total} cases: ${problem?.detail ?? "it failed"}.`;
+  if (status === "failed" || status === "damaged") return `Stopped after ${done} of ${total} cases: ${problem?.detail ?? "it failed"}.`;
   return `All ${total} cases are computed.`;
 }

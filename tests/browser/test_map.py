@@ -308,11 +308,11 @@ def test_invalid_axis_is_refused_at_its_field(page: Page) -> None:
     page.goto("/#/map")
     start = page.get_by_role("group", name="Horizontal axis").get_by_label("From")
     start.fill("-3")
-    expect(page.get_by_text("Has to be at least 0.1 m/s.")).to_be_visible()
+    expect(page.get_by_text("Must be at least 0.1 m/s.")).to_be_visible()
     expect(start).to_have_attribute("aria-invalid", "true")
     expect(page.get_by_role("button", name="Run")).to_be_disabled()
     start.fill("500")
-    expect(page.get_by_text("From has to be below To.")).to_be_visible()
+    expect(page.get_by_text("From must be below To.")).to_be_visible()
     expect(page.get_by_role("button", name="Run")).to_be_disabled()
     start.fill("100")
     expect(page.get_by_role("button", name="Run")).to_be_enabled()
@@ -392,7 +392,7 @@ def test_map_of_probabilities_is_reopened_from_its_address_or_from_the_jobs(new_
 
 def test_map_of_probabilities_is_limited_and_can_be_cancelled(page: Page, client: httpx.Client) -> None:
     page.goto("/#/map?operation=probability&x=impact.velocity_m_s,150,450,13&y=projectile.mass_kg,11,17,12")
-    expect(page.get_by_text("Takes 1 to 12 values.")).to_be_visible()
+    expect(page.get_by_text("Must be 1 to 12 values.")).to_be_visible()
     expect(page.get_by_role("button", name="Run")).to_be_disabled()
     page.get_by_role("group", name="Horizontal axis").get_by_label("Values").fill("12")
     page.get_by_role("button", name="Run").click()
@@ -439,7 +439,7 @@ def test_downloads_of_a_map_name_the_axes_and_omit_their_base_values(page: Page,
 
 def test_map_whose_job_is_missing_can_be_run_again(page: Page, faults: list[str]) -> None:
     page.goto(f"/#/map?x=impact.velocity_m_s,238,300,2&y=projectile.mass_kg,13,14,3&job={'0' * 32}")
-    expect(page.get_by_role("alert")).to_have_text("The job of this map is gone: it has expired. Run it again.")
+    expect(page.get_by_role("alert")).to_have_text("The job of this map has expired or was deleted. Run the map again.")
     page.get_by_role("button", name="Run").click()
     all_computed(page, 6)
     expected(faults, "404")

@@ -172,7 +172,7 @@ class MapView {
     announce("");
     this.picture.giveUp();
     const isGone = error.status === 404;
-    this.problem.textContent = isGone ? "The job of this map is gone: it has expired. Run it again." : error.message;
+    this.problem.textContent = isGone ? "The job of this map has expired or was deleted. Run the map again." : error.message;
     if (error.errors) this.axes.showProblem(error);
   }
 }
