@@ -190,7 +190,7 @@ export function shownNumber({ factor }, value) {
   return Number((value / factor).toPrecision(areUs() ? 6 : 12));
 }
 
-/** Return a number, or a text instead of one, with its unit. */
+/** Format a number, or a text in place of a number, with its unit. */
 export function withUnit(value, unit) {
   return `${typeof value === "number" ? grouped(value) : value}${unit && unit !== "°" ? ` ${unit}` : unit}`;
 }

@@ -162,7 +162,7 @@ function scale(colours) {
   return colours.map((colour, i) => [i / (colours.length - 1), colour]);
 }
 
-/** Return a value of an axis with few digits, and its unit. */
+/** Format a value of an axis with at most five digits and its unit. */
 export function valueShown(value, { unit }) {
   return withUnit(Number(value.toPrecision(5)), unit);
 }

@@ -5,7 +5,6 @@ import { buildRow, showProblem } from "./field-row.js";
 import { fieldOf, shownNumber } from "./fields.js";
 import { DISTRIBUTIONS, NOTES, centreOf, inputField, parametersOf, scatterFields, usualInput, usualInputs } from "./scatter.js";
 
-/** The form. */
 export class ScatterForm {
   groups = [];
   wrong = new Set(); // rows whose text is not accepted
