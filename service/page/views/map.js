@@ -90,8 +90,9 @@ class MapView {
     this.#form = map;
     this.runButton.disabled = !map;
     this.size.textContent = map ? `${grouped(map.x.count * map.y.count)} cases` : "";
-    if (map) replaceAddress("map", mapQuery({ ...map, job: this.#jobOf(map) }));
-    if (this.#shown) this.picture.compare(map && isSame(map, this.#shown), Boolean(map));
+    const isShown = Boolean(map && this.#shown && isSame(map, this.#shown));
+    if (map) replaceAddress("map", mapQuery({ ...map, job: isShown ? this.#shown.job : "" }));
+    if (this.#shown) this.picture.compare(isShown, Boolean(map));
   }
 
   /** Compute a map as a job, and show a small map, or a coarse grid, at once. The small map with which the view opens needs no job. */
