@@ -71,7 +71,7 @@ class WorkerCrashedError(ExecutorError):
     """The call killed every worker process that ran it."""
 
     type = "urn:ricochet:problem:worker-crashed"
-    title = "The query ended every worker process it was given to"
+    title = "Every worker process that ran the query ended"
 
 
 class TaskTimeoutError(ExecutorError):
@@ -79,7 +79,7 @@ class TaskTimeoutError(ExecutorError):
 
     status = HTTPStatus.UNPROCESSABLE_ENTITY
     type = "urn:ricochet:problem:timeout"
-    title = "The query takes longer than one may"
+    title = "The query exceeds its time limit"
 
 
 class PoolUnavailableError(ExecutorError):
@@ -319,9 +319,7 @@ class DamagedJobError(DamagedCasesError):
     """
 
     def __init__(self, fields: Sequence[str]) -> None:
-        text = (
-            f"of the job, {', '.join(fields)} cannot be read any more: take the results that are there, delete it and "
-        )
+        text = f"{', '.join(fields)} of the job can no longer be read: keep the results that exist, delete the job and "
         ServiceError.__init__(self, f"{text}submit it again")
 
 
@@ -332,11 +330,11 @@ STATUS_PROBLEMS = {
     HTTPStatus.NOT_FOUND: ("not-found", "There is nothing under this name"),
     HTTPStatus.METHOD_NOT_ALLOWED: ("method-not-allowed", "The path does not take this method"),
     HTTPStatus.NOT_ACCEPTABLE: ("not-acceptable", "The answer has no form that `Accept` names"),
-    HTTPStatus.REQUEST_TIMEOUT: ("body-too-slow", "The body comes too slowly"),
+    HTTPStatus.REQUEST_TIMEOUT: ("body-too-slow", "The body arrives too slowly"),
     HTTPStatus.REQUEST_ENTITY_TOO_LARGE: ("body-too-long", "The body is too long"),
     HTTPStatus.REQUEST_URI_TOO_LONG: ("target-too-long", "The target of the request is too long"),
     HTTPStatus.UNSUPPORTED_MEDIA_TYPE: ("unsupported-media-type", "The body is of another media type"),
-    HTTPStatus.MISDIRECTED_REQUEST: ("unknown-host", "The service has no such name"),
+    HTTPStatus.MISDIRECTED_REQUEST: ("unknown-host", "Unknown host name"),
     HTTPStatus.UNPROCESSABLE_ENTITY: (InvalidBodyError.type.rpartition(":")[2], InvalidBodyError.title),
     HTTPStatus.TOO_MANY_REQUESTS: ("too-many-requests", "Too many requests come from one address"),  # sent by nginx
     HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE: ("head-too-long", "The head of the request is too long"),

@@ -616,7 +616,7 @@ def _posterior(
             slip, corrected = _likely_slip(shot, mass, factor_of, prior)
             raise ParameterError(
                 f"{FIELD}.shots.{index}.depth",
-                "of {} at {} takes a strength factor of {}, which must be between "
+                "of {} at {} requires a strength factor of {}, which must be between "
                 f"{lower:g} and {upper:g}; {slip}",
                 Amount(shot.depth, "mm"),
                 Amount(shot.velocity, "m/s"),

@@ -124,8 +124,8 @@ def reinforcement_warnings(target: Target) -> tuple[ModelWarning, ...]:
     return (
         ModelWarning(
             "reinforcement_not_counted",
-            f"reinforcement of {ratio:g} % each way and each face changes nothing here: neither the model nor any of "
-            "the formulas takes it, so that answers are those of plain concrete",
+            f"reinforcement of {ratio:g} % each way and each face has no effect: neither the model nor any of "
+            "the formulas includes it, so the answers are those of plain concrete",
         ),
     )
 

@@ -381,7 +381,7 @@ def read_headers(scope: Mapping[str, Any]) -> dict[bytes, bytes]:
     for name, value in scope["headers"]:
         if name in UNIQUE_HEADERS:
             if name in found:
-                raise HTTPException(HTTPStatus.BAD_REQUEST, f"the header {name.decode()} may be there once")
+                raise HTTPException(HTTPStatus.BAD_REQUEST, f"the header {name.decode()} must not be repeated")
             found[name] = value
     return found
 

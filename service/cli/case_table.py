@@ -255,7 +255,7 @@ def _field_of(header: str, fields: Sequence[str]) -> tuple[str, float, str]:
         return "", 1.0, f"{shown}: must be one of {', '.join(found)}"
     if not found:
         if any(_unit_in(name, field) is not None for field in SOUGHT if field not in fields):
-            return "", 1.0, f"{shown}: is what is searched for"
+            return "", 1.0, f"{shown}: is computed by the search"
         meant = meant_as(stem[:MAX_SHOWN], fields)
         return "", 1.0, f"{shown}: is no field of a case" + (f", did you mean {meant}?" if meant else "")
     [(field, unit)] = found.items()

@@ -85,7 +85,7 @@ def run_init(args: argparse.Namespace) -> int:
             require_excel(f"--table {file}")
             content = as_workbook(TABLE)
     if os.path.lexists(file.path):
-        raise CommandError(f"{file}: is there already; name another file")
+        raise CommandError(f"{file}: exists already; name another file")
     file.write(content)
     print(f"wrote {file}; next: ricochet {command} {file}")
     return 0

@@ -329,5 +329,5 @@ def open_output(args: argparse.Namespace) -> Iterator[TextIO]:
             yield stream
         return
     if args.parquet and sys.stdout.isatty():
-        raise CommandError("--parquet: is not for a terminal; name a file with -o")
+        raise CommandError("--parquet: cannot be written to a terminal; name a file with -o")
     yield sys.stdout

@@ -67,7 +67,7 @@ class Parser(argparse.ArgumentParser):
         if rest:
             word = next((word for word in rest if word.startswith("-")), rest[0])
             if not word.startswith("-"):
-                self.error(f"{word}: is one argument too many")
+                self.error(f"{word}: is an unexpected argument")
             name, _, _ = word.partition("=")
             self.error(f"{name}: unknown flag{self._suggestion(name)}")
         return found, rest

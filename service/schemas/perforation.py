@@ -161,7 +161,7 @@ class ThicknessFields(PerforationCase):
             If the target has a thickness.
         """
         if self.target.thickness_m is not MISSING:
-            raise ParameterError("target.thickness", "must not be given: it is what is sought")
+            raise ParameterError("target.thickness", "must be absent: the search determines it")
         end = self.usual_termination_time(self.impact.velocity_m_s)
         return self.adaptive(termination_time_s=end, relative_tolerance=RUN_TOLERANCE)
 

@@ -12,8 +12,8 @@ from service.names import ALIASES
 CASE = {"projectile", "target", "impact", "resistance", "numerics", "search", "output", "alternatives"}
 """Top-level fields of the request for a case."""
 SOUGHT = {
-    "impact.oblique_angle_deg": "; the angle is what is searched for here: `/trajectory` takes a strike at one angle",
-    "impact.velocity_m_s": "; the speed is what is searched for here: `/thickness` and `/trajectory` take one speed",
+    "impact.oblique_angle_deg": "; the search determines the angle: `/trajectory` takes a strike at one angle",
+    "impact.velocity_m_s": "; the search determines the speed: `/thickness` and `/trajectory` take one speed",
     "resistance.strength_factor": "; it is what is fitted here",
 }
 """Ends of the messages for fields that a search or a fit determines, and that its request therefore does not have."""

@@ -93,7 +93,7 @@ async def introduce(task_seconds: float, expected: Mapping[str, str], dask_worke
         if done["status"] != "OK":
             with suppress(KeyError):
                 del dask_worker.plugins[name]
-            raise UnfitWorkerError(f"its pool did not come up: {done.get('exception_text')}")
+            raise UnfitWorkerError(f"its pool did not start: {done.get('exception_text')}")
     return versions()
 
 

@@ -241,7 +241,7 @@ class DaskExecutor(Executor):
             await asyncio.wait([result, work.future], timeout=longest, return_when=asyncio.FIRST_COMPLETED)
             if not result.done() and not work.future.done():
                 self.cluster.distrust(address)
-                raise LostError(f"it has not come back in {longest:g} s")
+                raise LostError(f"it has not returned within {longest:g} s")
             if result.done():
                 for reply in await asyncio.to_thread(all_loaded, replies_of(result, len(calls))):
                     work.finish(reply)

@@ -157,7 +157,7 @@ class WorkerProcess:
                 hello: Hello = pickle.loads(await self._messages.next())  # noqa: S301 (from our own worker)
         except (WorkerDiedError, TimeoutError):
             self.close()
-            raise PoolUnavailableError("a worker process did not come up; standard error has what it said") from None
+            raise PoolUnavailableError("a worker process did not start; its messages are on standard error") from None
         except BaseException:
             self.close()
             raise

@@ -399,7 +399,7 @@ def _second_minima(rivals: Sequence[float]) -> list[ModelWarning]:
     return [
         ModelWarning(
             "second_minimum",
-            f"a strength factor near {rival:.3g} fits nearly as well: the interval knows of one minimum only",
+            f"a strength factor near {rival:.3g} fits nearly as well: the interval covers only one minimum",
         )
         for rival in rivals
     ]

@@ -314,7 +314,7 @@ def _warnings(*, chi_square: float, degrees_of_freedom: int, known: bool) -> tup
             ModelWarning(
                 "scatter_beyond_standard_errors",
                 f"the points lie {math.sqrt(chi_square / degrees_of_freedom):.2g} times as far off the polynomial as "
-                "their standard errors say: these are too small, or the order is",
+                "their standard errors say: these are too small, or the order is too low",
             ),
         )
     return ()

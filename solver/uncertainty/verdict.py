@@ -240,7 +240,7 @@ class Verdict:
         else:
             text = "Critical angle not known: the search did not converge"
         if self.own_law:
-            text += " by the law chosen"
+            text += " with the law chosen"
         if self.spread is not None:
             text += f", 90 % range {self.range_text}"
         elif self.reason_without_range:

@@ -30,7 +30,7 @@ def test_init_writes_the_strike_of_the_paper_and_never_overwrites(
     assert found == PAPER
     (here / "new.toml").write_text("mine")
     assert cli.main(["init", "new.toml"]) == 2
-    assert "new.toml: is there already" in capsys.readouterr().err
+    assert "new.toml: exists already" in capsys.readouterr().err
     assert (here / "new.toml").read_text() == "mine"
     assert cli.main(["init", "new.json"]) == 2
     assert cli.main(["init", "nowhere/new.toml"]) == 2
@@ -43,7 +43,7 @@ def test_init_writes_a_table_that_batch_accepts(served: Path, capsys: pytest.Cap
     assert cli.main(["batch", name, "--csv"]) == 0
     assert [line.split(",")[1] for line in capsys.readouterr().out.splitlines()] == ["id", "shot-1", "shot-2", "shot-3"]
     assert cli.main(["init", "--table", name]) == 2
-    assert f"{name}: is there already" in capsys.readouterr().err
+    assert f"{name}: exists already" in capsys.readouterr().err
 
 
 def test_every_commented_line_of_init_is_a_field_of_the_contract(here: Path) -> None:

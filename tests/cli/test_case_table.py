@@ -105,7 +105,7 @@ def test_usual_spellings_of_headers_are_accepted(served: Path, capsys: pytest.Ca
                 "\nfields of a case: custom_id, impact.angle_of_attack_deg, ",
             ],
         ),
-        ("angle\n30\n", ["cases.csv:1: column 'angle': is what is searched for; --keep HEADER carries"]),
+        ("angle\n30\n", ["cases.csv:1: column 'angle': is computed by the search; --keep HEADER carries"]),
         ("velocity,,mass\n238,3,13\n", ["cases.csv:1: column without a name: has cells; --keep"]),
         ("velocity;mass\n238;13\n;13\n", ["cases.csv:3: velocity: the cell is empty\n"]),
         (

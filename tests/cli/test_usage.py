@@ -129,7 +129,7 @@ def test_refused_request_does_not_touch_an_existing_file(here: Path) -> None:
         ("jobs lst", "ricochet jobs", "lst: unknown action; expected list, ... did you mean list?"),
         ("jobs list --jsn", "ricochet jobs list", "--jsn: unknown flag; did you mean --json?"),
         ("keys add --ower a", "ricochet keys add", "--owner: is missing"),
-        ("cra a.toml b.toml", "ricochet cra", "b.toml: is one argument too many"),
+        ("cra a.toml b.toml", "ricochet cra", "b.toml: is an unexpected argument"),
         ("", "ricochet", "COMMAND: is missing"),
         ("sweep", "ricochet sweep", "--axis: is missing"),
         ("trajectory --ang 3", "ricochet trajectory", "--ang: unknown flag; did you mean --angle?"),

@@ -163,7 +163,7 @@ def test_verdict_without_decay_is_consistent() -> None:
     assert found.theory_spread is not None
     assert found.theory_spread[1] < known(found.angle)
     assert "is not turned away" in str(found)
-    assert "by the law chosen, 90 % range" in str(found)
+    assert "with the law chosen, 90 % range" in str(found)
     assert "Over the theories: 90 % range" in str(found)
 
 
@@ -327,7 +327,7 @@ LAST = "the outcome also changes at 70.0°"
 SAID = "At 50° from the normal the projectile"
 NOMINAL = "with the inputs as given: embedded"
 STANDS_OUT = "with the inputs as given: embedded, its nose 139 mm out of the rear face"
-BY_LAW = "Critical angle 48.6° from the normal by the law chosen, 90 % range 42° to 60°"
+BY_LAW = "Critical angle 48.6° from the normal with the law chosen, 90 % range 42° to 60°"
 OVER_THEORIES = "Over the theories: 90 % range 43° to 51°"
 AT_50: dict[str, Any] = {"oblique_angle": math.radians(50.0), "outcome": Outcome.EMBEDDED}
 
@@ -366,7 +366,7 @@ LANDED = Flight(
         ),
         (
             {"spread": None, "reason_without_range": NO_RANGE_BY_PANELS, "own_law": True},
-            "Critical angle 48.6° from the normal by the law chosen, no 90 % range by panels.",
+            "Critical angle 48.6° from the normal with the law chosen, no 90 % range by panels.",
         ),
         (
             {"own_law": True, "theory_range_failed": True},
