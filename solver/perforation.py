@@ -104,7 +104,7 @@ class PerforationLimit:
     motion at its termination time."""
 
     def row(self) -> Row:
-        """Return status, limit and bracket by the column names of `solver.columns`. [m or m/s]"""
+        """Return the row of a table: status, value, bracket, and the value without protrusion. [m or m/s]"""
         low, high = self.bracket or (None, None)
         return {
             "status": self.status.value,

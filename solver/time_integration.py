@@ -1,10 +1,10 @@
 """Compiled time integration of a motion: the fixed step of the paper, and the error-controlled steps of this package.
 
-The route of the paper is the classical Runge-Kutta method of order 4 with a fixed step. The adaptive route uses GRK4T,
-a Rosenbrock pair of order 4 (3) for stiff equations. A shank at rest sideways in its hole makes the equations stiff: an
-explicit pair took thousands of steps there. Coefficients: Kaps and Rentrop, Numerische Mathematik 33 (1979) 55-68, in
-the form of Hairer and Wanner, Solving Ordinary Differential Equations II (1996), IV.7. The state consists of three
-positions and three velocities; eliminating the velocities leaves a 3 × 3 system in each stage.
+The paper uses the classical Runge-Kutta method of order 4 with a fixed step. The adaptive route uses GRK4T,
+a Rosenbrock pair of order 4 (3) for stiff equations. The equations are stiff where the wall of the hole keeps the shank
+from moving sideways: an explicit pair took thousands of steps there. Coefficients: Kaps and Rentrop, Numerische
+Mathematik 33 (1979) 55-68, in the form of Hairer and Wanner, Solving Ordinary Differential Equations II (1996), IV.7.
+The state consists of three positions and three velocities; eliminating the velocities leaves a 3 × 3 system in each stage.
 """
 
 import math
@@ -216,8 +216,8 @@ def linearise(state: FloatArray, model: Model, work: Workspace, linear: Linearis
         for n in range(6):
             points[6 * k + n] = state[n]
     small, c, s = VELOCITY_DIFFERENCE * model.law.ramp_velocity, math.cos(state[2]), math.sin(state[2])
-    # Increments point away from zero, so that mirrored states have mirrored quotients. Central quotients of the
-    # velocities have that property too, but take three more evaluations in each step.
+    # Increments point away from zero, so that the difference quotients of mirrored states mirror each other. Central
+    # differences in the velocities have that property too, but take three more evaluations in each step.
     deeper, turned = math.copysign(DIFFERENCE * length, state[0]), math.copysign(DIFFERENCE, state[2])
     along = math.copysign(small, c * state[3] + s * state[4])
     across = math.copysign(small, c * state[4] - s * state[3])

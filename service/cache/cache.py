@@ -203,7 +203,7 @@ class ResultCache:
             self._lock.check()
 
     def writable(self) -> bool:
-        """Write and remove a file; return True if this succeeds, so that results can be written."""
+        """Return True if results can be written, which is tried with a file that is then removed."""
         with self._recording_errors():
             self.check_folder()
             discard(self._segments.stage(PROBE))

@@ -61,7 +61,7 @@ class OutputFile:
 
     @property
     def path(self) -> Path:
-        """Path of the file."""
+        """`text` as a path, with links not resolved."""
         return Path(self.text)
 
     def ending(self) -> str:

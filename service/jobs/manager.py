@@ -151,7 +151,7 @@ class JobManager:
         await self._resume()
 
     async def stop(self) -> None:
-        """Cancel running work, which the next start continues."""
+        """Stop the manager. Running jobs are interrupted, and resume at the next start."""
         self._stopping = True
         for task in self._tasks:
             task.cancel()

@@ -244,7 +244,8 @@ class CriticalAngleUncertaintyAnswer(UncertaintyAnswer):
     polynomial_order: Annotated[Count | MISSING, Of("order"), NOT_TABLED] = MISSING
     """Order of the surrogate."""
     surrogate_error_deg: Annotated[Num | MISSING, NOT_TABLED] = MISSING
-    """Root mean square error of the surrogate at held-out points, given even if it was too large to use. [°]"""
+    """Root mean square error of the surrogate at held-out points, also given if it was so large that the
+    surrogate was not used. [°]"""
 
 
 class OutcomeProbability(EstimateAnswer):

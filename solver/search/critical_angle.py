@@ -485,13 +485,15 @@ def _retention_warnings(prepared: PreparedCase, change: Change) -> list[ModelWar
 
 
 def _depends_on_retention(without: float, having: float, retention: float) -> bool:
-    """Return whether a change moves by more than half a degree over the usual range of the retention energy.
+    """Return whether the angle of a change moves by more than half a degree over `RETENTION_RANGE`.
+
+    The range is 0.1 to 10 times the retention energy in use.
 
     Parameters
     ----------
     without, having
-        Fractions of the energy left half a degree from the change: where the projectile stays in the target, and where
-        it leaves. [1]
+        Fractions of the initial energy that the projectile has left half a degree to either side of that angle:
+        `without` on the side where it stays in the target, `having` on the side where it leaves. [1]
     """
     least, most = model_warnings.RETENTION_RANGE
     return without != 0.0 or having - retention < (most - least) * retention

@@ -109,7 +109,8 @@ class Sensitivity:
     swing: tuple[Change, ...]
     """Critical angles at the 5 % and 95 % quantiles of the input, or at each of its discrete values."""
     after_shots: tuple[AfterShots, ...] = ()
-    """Expected ranges after own shots; only for the factor on S, ``resistance.strength_residual``."""
+    """90 % ranges of the critical angle to be expected after one or more shots into the same concrete. Empty for
+    every input except ``resistance.strength_residual``."""
 
 
 class Tables:
@@ -176,7 +177,10 @@ class Tables:
         return np.broadcast_to(self._design.weights / self.count, self.found.shape)
 
     def _count_outcomes(self) -> None:
-        """Set `turned_away`, (scramblings, angles) probabilities, and `unknown`, (scramblings,) weights of problems."""
+        """Compute the probabilities of ricochet and the weights of samples without an outcome in each scrambling.
+
+        They are `turned_away`, of shape (scramblings, angles), and `unknown`, of shape (scramblings,).
+        """
         self.turned_away = np.zeros((SCRAMBLINGS, self._angles.size))
         self.unknown = np.zeros(SCRAMBLINGS)
         for (number, _, alternative), each in np.ndenumerate(self.found):

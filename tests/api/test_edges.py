@@ -1,4 +1,4 @@
-"""For every number in a request, a value at or beyond its bounds is either answered or refused with its name."""
+"""A request with a number at one of its bounds succeeds, or is refused with 422 and a pointer to a field."""
 
 import json
 import math

@@ -12,7 +12,7 @@ import pytest
 
 from tests.docs.blocks import blocks
 
-pytestmark = pytest.mark.system  # test_generated_client.py tests a client in Python
+pytestmark = pytest.mark.system  # The default run tests the generated Python client.
 
 ROOT = Path(__file__).parents[2]
 CONTRACT = ROOT / "openapi" / "openapi.json"

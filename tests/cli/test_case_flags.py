@@ -213,5 +213,5 @@ def test_flag_has_the_bounds_of_its_field(
     assert cli.main([*command, *beside, f"{flag.name}={outside!r}"]) == 2
     error = capsys.readouterr().err
     assert error.startswith(f"ricochet trajectory: {flag.name}: ")
-    assert field[keyword] in map(float, re.findall(r"-?\d[\d.]*(?:e[+-]?\d+)?", error))
+    assert field[keyword] in map(float, re.findall(r"-?\d[\d.]*(?:e[+-]?\d+)?", error.replace(",", "")))
     assert unit_of(flag.steps[-1]) in error

@@ -102,7 +102,7 @@ def test_closed_form_equals_li_chen_with_a_crater_of_two_diameters() -> None:
 def test_ndrc_gives_the_known_depth_of_a_heavy_sphere() -> None:
     """A sphere of 100 kg and 0.2898 m strikes concrete of 10 MPa at 60 m/s.
 
-    With the constant in US units and a nose factor of 0.84, G is 0.0514; here the factor is 1.
+    With a nose factor N of 0.84, G = (x / 2d)² is 0.0514; `modified_ndrc` takes N = 1 for spheres.
     """
     sphere = Projectile(nose=Spherical(caliber_radius_head=0.5), diameter=0.2898, length=0.2898, mass=100.0)
     answer = modified_ndrc(
