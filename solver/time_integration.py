@@ -4,7 +4,8 @@ The paper uses the classical Runge-Kutta method of order 4 with a fixed step. Th
 a Rosenbrock pair of order 4 (3) for stiff equations. The equations are stiff where the wall of the hole keeps the shank
 from moving sideways: an explicit pair took thousands of steps there. Coefficients: Kaps and Rentrop, Numerische
 Mathematik 33 (1979) 55-68, in the form of Hairer and Wanner, Solving Ordinary Differential Equations II (1996), IV.7.
-The state consists of three positions and three velocities; eliminating the velocities leaves a 3 × 3 system in each stage.
+The state consists of three positions and three velocities; eliminating the velocities leaves a 3 × 3 system in each
+stage.
 """
 
 import math

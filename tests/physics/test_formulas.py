@@ -390,7 +390,7 @@ def test_reinforcement_changes_no_result(ratio: float) -> None:
     assert found.final == without.final
     said = [each.detail for each in found.warnings if each.code == "reinforcement_not_counted"]
     assert [text.partition(":")[0] for text in said] == [
-        f"reinforcement of {ratio:g} % each way and each face changes nothing here"
+        f"reinforcement of {ratio:g} % each way and each face has no effect"
     ] * (ratio > 0.0)
 
 
