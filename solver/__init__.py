@@ -11,7 +11,7 @@ critical_angle_sweep                   critical angle over a grid of speeds, str
 least_thickness, limit_velocity        thinnest wall that is not perforated, lowest speed that perforates a wall
 formulas                               empirical formulas for penetration, scabbing and perforation
 flight, flight_after                   landing of a body that has left the target
-solver.uncertainty.verdict             assessment of a strike in one sentence, with the range of its angle
+solver.uncertainty.verdict             assessment of a strike in one sentence, with the range of the critical angle
 solver.calibration                     strength factors from depths and motions
 warm_up                                compile the whole solver in advance: a minute, once for each installation
 

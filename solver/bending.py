@@ -31,7 +31,8 @@ SLICES = 16
 INSTANTS = 20
 """Largest number of instants in the first pass over a run."""
 INSTANTS_NEAR_PEAK = 10
-"""Number of instants in the second pass, on both sides of the largest stress of the first; rounding may add one."""
+"""Largest number of instants in the second pass, on both sides of the largest stress of the first; rounding may add
+one."""
 # In six strikes of the paper's body, from 0° to 75°, the peak is within 0.1 % of the peak with 16 points, which is less
 # than the error due to slices and instants.
 STATIONS = 4
@@ -49,7 +50,7 @@ RELEASED = 1e-6
 """Ratio of the acceleration to the largest so far, up to which the projectile counts as released. [1]"""
 # The tolerances allow for values from a drawing, which are rounded to two or three digits.
 CENTER_WITHIN, INERTIA_WITHIN = 0.005, 0.02
-"""Largest deviations from a homogeneous solid of the same shape with which the mass still counts as evenly distributed:
+"""Largest deviations from a homogeneous solid of the same shape at which the mass still counts as evenly distributed:
 deviation of the centre of gravity over the length, and relative deviation of the moment of inertia. [1, 1]"""
 
 
@@ -69,7 +70,7 @@ class Bending:
 
     With panels the stress of a body that moves along its axis is too high, because its resistance alternates between
     two sides from step to step. For a body of the paper's size with a flat nose at 40° the stress is 0.23 GPa by the
-    adaptive route, 0.9 GPa with panels, and 0.4 GPa with panels and a time step of 1 µs.
+    adaptive method, 0.9 GPa with panels, and 0.4 GPa with panels and a time step of 1 µs.
     """
 
     peak_stress: float
@@ -283,8 +284,8 @@ class _Slices(NamedTuple):
     accelerations: FloatArray
     """(3 `MOST_STATES`,) accelerations of the states."""
     loads: FloatArray
-    """(`MOST_STATES`, n, 3) forces on the slices along depth and face, and moments about the centre of gravity. [N, N
-    m]"""
+    """(`MOST_STATES`, n, 3) forces on the slices along depth and face, and moments about the centre of gravity.
+    [N, N m]"""
     stages: FloatArray
     """(3, 6) state, rates and loads in the stages of a Runge-Kutta step."""
     change: FloatArray
@@ -440,7 +441,8 @@ def _write_stress(
 def _speed_change(steps: FloatArray, body: Body, change: FloatArray) -> int:
     """Write the sum of the velocity changes before each step, and return the number of steps to evaluate.
 
-    The last of these steps is the release, or the step at which 95 % of the energy is lost. [m/s, 1]
+    The last of these steps is the release, the step at which 95 % of the energy is lost, or the last of the run.
+    [m/s, 1]
     """
     left = greatest = 0.0
     for i in range(steps.shape[0]):

@@ -130,7 +130,7 @@ class ComputingThreads(ThreadPoolExecutor):
 
 
 def compute(function: Callable[[IntArray], Result], panels: int = 0) -> Result:
-    """Call a function that runs compiled code in such a way that it can be cancelled; return its result.
+    """Call a function that runs compiled code, with a control by which it can be cancelled; return its result.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def compute(function: Callable[[IntArray], Result], panels: int = 0) -> Result:
         Function that passes the control to the compiled code. It may be called twice, so it must allocate the arrays
         that it writes to.
     panels
-        Number of panels, to which the time of a step is proportional.
+        Number of panels. The more there are, the longer a step takes, and the fewer steps the main thread takes.
 
     Raises
     ------

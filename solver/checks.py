@@ -60,7 +60,7 @@ class ParameterError(RicochetError, ValueError):
         return f"{self.field}: {self.requirement}"
 
     def at(self, field: str, *, before: str = "", unit: str | None = None) -> "ParameterError":
-        """Return the same error for the input that the caller knows.
+        """Return the same error under the name by which the caller knows the input.
 
         Parameters
         ----------
@@ -126,7 +126,7 @@ def require(condition: bool, field: str, requirement: str, *amounts: Amount) -> 
 
 
 def require_number(field: str, value: object) -> float:
-    """Return a number of Python or NumPy as a float.
+    """Return a Python or NumPy number as a float.
 
     Raises
     ------
@@ -201,7 +201,7 @@ class Bound(NamedTuple):
     name: str
     """Name of the coherent unit in error messages."""
     mistaken: tuple[tuple[str, float], ...] = ()
-    """Symbols of such units, each with its factor to the coherent unit."""
+    """Symbols of the units in which the number is often given by mistake, each with its factor to the coherent unit."""
     above: bool = False
     """True if the lower end is excluded."""
     below: bool = False

@@ -104,7 +104,7 @@ FUNCTIONS: list["Compiled"] = []
 
 
 class Progress(NamedTuple):
-    """Progress of compiling the solver, in this process or another one."""
+    """Progress of compiling the solver, in this process or another."""
 
     functions: int
     """Total number of functions."""

@@ -1,7 +1,7 @@
 """pandas tables, matplotlib figures, and texts in consoles and notebooks that show answers of the solver.
 
 pandas and matplotlib are optional, and imported by the functions that need them. A plot is drawn into the given axes,
-or into a new pyplot figure, so that `savefig` and `show` of pyplot apply to it.
+or into a new pyplot figure, to which `savefig` and `show` of pyplot then apply.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -187,7 +187,7 @@ def finished(panel: Any, title: str) -> Figure:
 
 
 def plot_motion(history: Columns, title: str, projectile: Projectile | None, ax: Any) -> Figure:
-    """Plot the side view of a motion and its histories; given axes show the side view only.
+    """Plot the side view of a motion and its histories, or only the side view if axes are given.
 
     Parameters
     ----------
@@ -290,7 +290,7 @@ def plot_search(trials: Columns, title: str, angle: float | None, ax: Any) -> Fi
 
 
 def plot_probability(curve: Columns, title: str, ax: Any) -> Figure:
-    """Plot the probability of ricochet over the angle with its interval; return the figure."""
+    """Plot the probability of ricochet and its interval over the angle; return the figure."""
     panel = new_figure(6.0, 4.0).subplots() if ax is None else ax
     degrees = np.degrees(curve["oblique_angle"])
     panel.fill_between(degrees, curve["lower"], curve["upper"], color=BLUE, alpha=0.25, linewidth=0.0, label="interval")
@@ -343,7 +343,7 @@ def plot_endings(
 ) -> Figure:
     """Plot the probability of each outcome, and quantiles of depth and exit speed; return the figure.
 
-    Given axes show the probabilities only.
+    If axes are given, only the probabilities are plotted.
 
     Parameters
     ----------

@@ -66,7 +66,7 @@ class FlightConditions:
     Parameters
     ----------
     face_tilt
-        Angle of the impact face from level ground, 0 to 90° for a vertical wall. [rad]
+        Angle between the impact face and level ground: from 0 to 90°, which is a vertical wall. [rad]
     incidence_plane
         Direction in which the body travels on the face: up, level or down. It has no effect on level ground.
     drag_coefficient
@@ -113,7 +113,7 @@ def launch_elevation(
         Angle of the exit velocity from the outward normal of the face through which the body leaves, as in `Exit`.
         [rad]
     face_tilt
-        Angle of the impact face from level ground, 0 to 90° for a vertical wall. [rad]
+        Angle between the impact face and level ground: from 0 to 90°, which is a vertical wall. [rad]
     incidence_plane
         Direction in which the body travels on the face: up, level or down. It has no effect on level ground.
     rear
@@ -225,7 +225,7 @@ def flight_after(
     projectile
         Body that flies; its mass and surface determine the deceleration by drag.
     conditions
-        Tilt and height of the face, and drag; a face level with the ground unless given.
+        Tilt and height of the face, and drag; the defaults of `FlightConditions` unless given.
     rear
         True if the body leaves through the rear face of a wall.
 

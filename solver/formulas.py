@@ -46,12 +46,12 @@ NAMES: Mapping[str, str] = {
     "whiffen": "Whiffen",
 }
 """Display names of the formulas."""
-# A limit speed that no strike may have would be of no use.
+# A limit speed outside the bounds of a strike would be of no use.
 LIMIT_SPEEDS = (BOUNDS["impact.velocity"].lower, BOUNDS["impact.velocity"].upper)
 """Range of the normal speed in the search for a limit speed. [m/s]"""
 # Half or twice this aggregate size changes the depth in Whiffen's formula by 7 %.
 AGGREGATE_SIZE = 0.02
-"""Largest aggregate assumed for a concrete. [m]"""
+"""Largest aggregate size unless given. [m]"""
 # The constants of the formulas have two to four digits, so seven digits of the pressure unit are enough.
 POUND, INCH, FOOT, PSI = 0.45359237, 0.0254, 0.3048, 6894.757
 """US units in SI units. [kg, m, m, Pa]"""
@@ -657,7 +657,7 @@ FEWEST_DIGITS = 3
 def _outside(
     field: str, value: float, lowest: float, highest: float, unit: str = "", *, of: str = ""
 ) -> tuple[OutOfRange, ...]:
-    """Return an `OutOfRange` if a value is outside the range of the tests. [SI]
+    """Return a tuple with an `OutOfRange` if a value is outside the range of a formula; else an empty tuple.
 
     Parameters
     ----------

@@ -40,7 +40,7 @@ class ElasticPlastic:
     Notes
     -----
     Poisson's ratio comes from the target. The plastic zone of an infinite solid reaches
-    ``k = (E / (3 (1 - ν) Y))^(1/3)``.
+    ``k = (E / (3 (1 - ν) f'c))^(1/3)``.
     """
 
     name: ClassVar[str] = "elastic_plastic"

@@ -1,6 +1,6 @@
 """Compiled force and moment on the projectile at an instant (eqs. 1-5), and its accelerations (eq. 6).
 
-The route of the paper sums over panels. The adaptive route integrates: it cuts the outline into stretches on which the
+The paper's method sums over panels. The adaptive method integrates: it cuts the outline into stretches on which the
 loaded arc changes smoothly, places Gauss-Legendre stations on each loaded stretch, and sums the rings at all stations,
 of several states at a time, in one loop.
 
@@ -80,7 +80,7 @@ from solver.target import Target
 
 # A Jacobian needs five evaluations: one for each of depth, axis angle and three velocities.
 MOST_STATES = 5
-"""Largest number of states evaluated in one call, so that their rings fill whole vectors."""
+"""Largest number of states evaluated in one call; together their rings fill whole vectors."""
 # The integrand changes little along a short stretch. With half the stations there, a search was 6 % faster and found
 # the same angles.
 SHORT = 0.1

@@ -150,7 +150,7 @@ def least_thickness_many(
     tolerance: float = TOLERANCE,
     threads: int = 1,
 ) -> Sequence[PerforationLimit | RicochetError]:
-    """Find the least thickness of a wall that stops each of many strikes.
+    """Find, for each of many strikes, the least thickness of a wall that it does not perforate.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def limit_velocity_many(
     tolerance: float = TOLERANCE,
     threads: int = 1,
 ) -> Sequence[PerforationLimit | RicochetError]:
-    """Find the least velocity that perforates each of many walls.
+    """Find, for each of many walls, the least velocity that perforates it.
 
     Parameters
     ----------
@@ -300,7 +300,7 @@ class Answers(Sequence[Answer | RicochetError]):
         self._pending = self._begin()
 
     def inputs(self, taken: Container[str]) -> Columns:
-        """Return the inputs given as sequences, as columns with names not in `taken`; objects give their fields."""
+        """Return columns of the inputs given as sequences, and of their fields, with names that are not in `taken`."""
         rows = [dict(named_values({name: case[name] for name in self._many})) for case in self._cases()]
         # The fields of an object become columns. The object itself does so only if it has a name. Inputs that are None
         # in every case are left out.

@@ -29,7 +29,7 @@ from solver.surface_integration import Law
 # A narrower ramp makes the equations stiffer; with a wider one the body creeps faster where it should rest. A test
 # checks that this width changes the depth in normal impact by less than 1e-5 of its value.
 RAMP_FRACTION = 1e-4
-"""Normal velocity over which the static stress builds up, over the impact velocity. [1]"""
+"""Normal velocity over which the static stress builds up, as a fraction of the impact velocity. [1]"""
 # With the ramp, the load at the end of a contact fades gradually instead of vanishing at an instant, so a small load
 # has to count as none. A millionth of the static stress on an area as large as the body is a rough choice.
 NEGLIGIBLE_LOAD = 1e-6
@@ -40,7 +40,7 @@ STEP_WIDTH = 26
 MOST_STAGES = 5
 """Number of rows of `Workspace.stages`."""
 # The static stress vanishes with the velocity, so the energy never reaches zero. This threshold is a hundredth of the
-# default retention energy and the least that can be given, so it decides no outcome.
+# default retention energy, and equal to the smallest one accepted, so it decides no outcome.
 REST_FRACTION = 1e-4
 """Kinetic energy at which a body counts as at rest, over its initial value. [1]"""
 # Bisection on the stored cubic needs no evaluation of the load and cannot fail; 24 halvings resolve 6e-8 of a step.

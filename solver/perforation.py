@@ -179,7 +179,7 @@ def least_thickness(
     resistance
         Resistance of the target; by default the strength factor of eq. 9 with elastic-plastic decay.
     numerics
-        Integration route and resolution; adaptive with a relative tolerance of 3e-5 and 8 stations unless given.
+        Integration method and resolution; adaptive with a relative tolerance of 3e-5 and 8 stations unless given.
     tolerance
         Width of the final bracket over the thickness. [1]
 
@@ -201,8 +201,8 @@ def least_thickness(
     Each wall tried is 1.5 times as thick as the one before until a wall holds; bisection follows. A second search finds
     the least thickness with which no part of the projectile comes out of the rear face. A wall counts as holding if it
     is not perforated by the termination time, or before the projectile has turned by more than 360°; a warning appears
-    if such a wall is next to the change. Real walls have to be thicker than the result without a plug and a crater (see
-    `Resistance`): compare it with `solver.formulas`.
+    if such a wall is next to the change. Without a plug and a crater (see `Resistance`) the result is thinner than real
+    walls have to be: compare it with `solver.formulas`.
 
     Examples
     --------
@@ -252,7 +252,7 @@ def limit_velocity(
     resistance
         Resistance of the target; by default the strength factor of eq. 9 with elastic-plastic decay.
     numerics
-        Integration route and resolution; adaptive with a relative tolerance of 3e-5 and 8 stations unless given.
+        Integration method and resolution; adaptive with a relative tolerance of 3e-5 and 8 stations unless given.
     tolerance
         Width of the final bracket over the velocity. [1]
 
@@ -402,7 +402,8 @@ def _search(
     # the limit, so a second search is needed.
     beside = _first_change(comes_out, bounds, tolerance) if comes_out(bounds[0]) is perforated_at_first else None
 
-    # Own shots were not fired at walls of the trial thickness, so a warning that they went deeper would be wrong.
+    # The shots of `OwnTests` were not fired at walls of the trial thickness, so a warning that they went deeper would
+    # be wrong.
     others = {UNDECIDED, DEEPER_THAN_WALL} if perforated_at_first else {UNDECIDED}
     found = [each for each in warnings[value or last] if each.code not in others]
     tumbled = [each for each in warnings[bracket[0]] if each.code == TUMBLING] if bracket else []

@@ -27,10 +27,10 @@ ERROR_OF_TOLERANCE = 10.0
 """Largest error of the energy, over the relative tolerance of a step. [1]"""
 # On an oblique path both faces weaken the resistance, so the bound has to be far below 1. Its value is a rough choice.
 LEAST_WORK = 0.05
-"""Least energy lost in a wall, over S f'c, weakened by the rear face, times cross-section and thickness. [1]"""
+"""Least energy lost in a wall, over (S f'c weakened by the rear face) × cross-section × thickness. [1]"""
 # A thinner wall may lie wholly within the weakened zones of its two faces, and take hardly any energy.
 LEAST_WALL = 0.5
-"""Least thickness over the diameter with which the energy lost in a wall is checked. [1]"""
+"""Least thickness of a wall, over the diameter, for which the energy lost in it is checked. [1]"""
 # The resistance is weaker between two faces, so walls thicker than the energy allows may be perforated. In 750 random
 # strikes on usual concrete they were thicker by up to 2.2 diameters.
 MARGIN = 4.0

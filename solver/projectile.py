@@ -363,7 +363,7 @@ def _spanning(points: Sequence[Point]) -> list[int]:
 
 
 def _first_dent(points: Sequence[Point]) -> int | None:
-    """Return the index of the first point in a dent to which the slope increases; None without a dent."""
+    """Return the index of the point at which the first line of increased slope in a dent ends; None without a dent."""
     size = math.hypot(*points[-1])
     for first, last in pairwise(_spanning(points)):
         if any(_inside(points[first], each, points[last]) > DENT * size for each in points[first + 1 : last]):

@@ -37,7 +37,7 @@ class Quantity(NamedTuple):
 
     @classmethod
     def of(cls, docstring: str) -> "Quantity":
-        """Split a docstring into text and unit: the first one in brackets that is not an alternative (``m or m/s``)."""
+        """Split a docstring into text and unit, the first in brackets that is not an alternative (``m or m/s``)."""
         units = [found for found in UNIT.findall(docstring) if " or " not in found]
         return cls(UNIT.sub("", docstring).strip(), "".join(units[:1]))
 

@@ -56,9 +56,10 @@ class StrengthScatter:
     Depths of tests give the product S f'c, and the laws of S were fitted to stated strengths. So the scatter of S in
     tests is the scatter of the product at the stated strength, and includes the scatter of the strength about its
     stated value. If the strength is sampled too, a factor on S represents the remaining scatter: `residual` is its
-    scale, and its tails are those of the product. With the law of published tests, the strength makes up 6 % of the
-    squared 90 % range of the product, (0.82 × 0.12 × 1.645)² in ln S, and strength and factor together reproduce that
-    range to 1 %. If the strength would make up more than half of the squared range of the product, each gets half.
+    scale, and its tails are those of the product. By the law of published tests, S f'c varies as f'c to the power 0.82,
+    so the strength contributes (0.82 × 0.12 × 1.645)² to the squared 90 % range of ln(S f'c), which is 6 % of it, and
+    strength and factor together reproduce that range to 1 %. If the strength would make up more than half of the
+    squared range of the product, each gets half.
     """
 
     dispersion: float
@@ -74,7 +75,9 @@ class StrengthScatter:
 def known_strength(
     *, projectile: Projectile, target: Target, resistance: Resistance, strength_scatter: ScatterSource = "law"
 ) -> tuple[ShotPrediction, StrengthPosterior | None]:
-    """Return the predictive distribution of ln S for the next shot, and the posterior of S from own shots, if any.
+    """Return the predictive distribution of ln S for the next shot, and the posterior of S from shots, if any.
+
+    The location of the distribution is the logarithm of the posterior median or, without shots, 0: relative to the law.
 
     Parameters
     ----------

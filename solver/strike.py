@@ -79,7 +79,7 @@ class Impact:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Numerics:
-    """Integration route and resolution of a run.
+    """Integration method and resolution of a run.
 
     Parameters
     ----------
@@ -99,10 +99,10 @@ class Numerics:
         trajectory, whose energy then balances to 1e-6, and 3e-4 for a search, which uses a finer level where the angle
         is in doubt. [1]
     stations
-        Number of Gauss-Legendre points of the adaptive route along a stretch of the outline. Unless given, 12 for a
+        Number of Gauss-Legendre points of the adaptive method along a stretch of the outline. Unless given, 12 for a
         trajectory and 8 for a search. [1]
     points
-        Number of Gauss-Legendre points of the adaptive route around an arc. [1]
+        Number of Gauss-Legendre points of the adaptive method around an arc. [1]
     retention_energy_fraction
         Share of the initial kinetic energy with which a projectile must leave to count as turned away; with less it
         is embedded, wherever its nose is. The searches ``bisection`` and ``secant`` do not use it: they decide by the

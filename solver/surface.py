@@ -141,7 +141,7 @@ def sections(pieces: tuple[OutlinePiece, ...], radius: float) -> Iterator[Sectio
         yield Section(Line(x, reach, piece.x_end, piece.r_end), 0.0 if falls else bound)
 
 
-@lru_cache  # for the same reason as `mass_properties`
+@lru_cache  # the cases of a study share few projectiles
 def build_body(projectile: Projectile, properties: MassProperties) -> Body:
     """Convert a projectile and its mass properties to the arrays of the compiled code."""
     center = properties.center_of_gravity

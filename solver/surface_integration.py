@@ -73,9 +73,9 @@ class Law(NamedTuple):
     ramp_velocity: float
     """Normal velocity over which the static stress of a ring builds up. [m/s]
 
-    S f'c acts in full for any v_n > 0, like dry friction, so a shank at rest sideways in its hole would need forces
-    that switch infinitely often. Below this velocity the static stress goes to zero smoothly instead, and the shank
-    creeps at a fraction of it."""
+    S f'c acts in full for any v_n > 0, like dry friction, so a shank that does not move sideways in its hole would need
+    forces that switch infinitely often. Below this velocity the static stress goes to zero smoothly instead, and the
+    shank creeps at a fraction of it."""
     smooth_ramp: bool
     """True for a ramp with zero slope at zero velocity. Steps with a coarse tolerance need the other ramp, which begins
     linearly: without a slope at rest the body would seem free to move."""

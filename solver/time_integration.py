@@ -1,6 +1,6 @@
 """Compiled time integration of a motion: the fixed step of the paper, and the error-controlled steps of this package.
 
-The paper uses the classical Runge-Kutta method of order 4 with a fixed step. The adaptive route uses GRK4T,
+The paper uses the classical Runge-Kutta method of order 4 with a fixed step. The adaptive method uses GRK4T,
 a Rosenbrock pair of order 4 (3) for stiff equations. The equations are stiff where the wall of the hole keeps the shank
 from moving sideways: an explicit pair took thousands of steps there. Coefficients: Kaps and Rentrop, Numerische
 Mathematik 33 (1979) 55-68, in the form of Hairer and Wanner, Solving Ordinary Differential Equations II (1996), IV.7.

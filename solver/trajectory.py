@@ -122,14 +122,15 @@ class Trajectory:
     exit: Exit | None
     """State of the projectile as it leaves the target; None if it stays."""
     strength_factor_dispersion: float
-    """Standard deviation of ln S for the next shot into the same concrete, from own shots or published tests. [ln]"""
+    """Standard deviation of ln S for the next shot into the same concrete, from shots or published tests. [ln]"""
     own_tests: StrengthPosterior | None
-    """Posterior of S from shots into the same concrete; None without such shots."""
+    """Posterior of S from the shots of `OwnTests` or, with ``paper_table_1``, from those of the paper; None without
+    shots."""
     bending: Bending | None
     """Largest bending stress; None if a given centre of gravity or moment of inertia is not that of the shape."""
 
     def row(self) -> Row:
-        """Return the state at the end of the run by the column names of `solver.columns`, in SI units and radians."""
+        """Return the row of a table: outcome, extremes, strength factor and final state, in SI units and radians."""
         protrusion = self.protrusion
         return {
             "outcome": self.outcome.value,
@@ -218,7 +219,7 @@ def simulate(
     resistance
         Resistance of the target; by default the strength factor of eq. 9 with elastic-plastic decay.
     numerics
-        Integration route and resolution; adaptive unless given.
+        Integration method and resolution; adaptive unless given.
     sample_interval
         Interval of the history; None for no history. [s]
     strength_scatter
@@ -240,7 +241,7 @@ def simulate(
     -----
     The equations of motion are eq. 6 of the source paper. The outcome is `Outcome.EMBEDDED` if the kinetic energy falls
     below ``numerics.retention_energy_fraction`` of its initial value, wherever the nose is; the run then continues
-    until the body is at rest, with 1e-4 of the energy, or no longer loaded, so that depths are final. The outcome is
+    until the body is at rest, with 1e-4 of the energy, or no longer loaded, so depths are final. The outcome is
     `Outcome.RICOCHET` if the body is released before that and leaves through the impact face, `Outcome.PERFORATED` if
     it leaves through the rear face of a wall, and `Outcome.IN_MOTION` if the termination time comes first or the axis
     has turned by more than 360° in the target.

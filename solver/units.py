@@ -70,7 +70,7 @@ US_UNITS: Mapping[str, Unit] = {
 CONVERTED_DIGITS = 4
 """Largest number of significant digits of a converted number in a text. [1]"""
 
-# Four digits are read at a glance, and a comma among them may be taken for that of a decimal, as in 1,170 mm.
+# Four digits are read at a glance, and a comma among them may be taken for a decimal comma, as in 1,170 mm.
 GROUPED_FROM = 5
 """Least number of digits before a decimal point that are grouped in thousands, by commas. [1]"""
 COHERENT: Mapping[str, str] = {"mm": "m", "MPa": "Pa", "GPa": "Pa", "ms": "s", "%": ""}
@@ -122,7 +122,7 @@ def symbol(unit: str) -> str:
 
 
 def number(value: float, unit: str, digits: int = 4, *, converted_digits: int = CONVERTED_DIGITS) -> str:
-    """Format a quantity without its unit, to significant digits, and without an exponent below ten million.
+    """Format a quantity without its unit, to significant digits; from 1e-4 up to ten million without an exponent.
 
     Parameters
     ----------

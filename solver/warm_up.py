@@ -61,7 +61,7 @@ def _compile_elsewhere(report: Report, progress: Progress) -> None:
 
 
 def run_trajectories() -> None:
-    """Run a short trajectory by each route, which compiles all functions of trajectories."""
+    """Run a short trajectory by each method, which compiles all functions of trajectories."""
     for method in ("adaptive", "panels"):
         simulate(
             projectile=PAPER_PROJECTILE,

@@ -335,7 +335,7 @@ def scatter_of_table_1(projectile: Projectile, target: Target) -> ModelWarning:
 
 
 def own_tests_apart(posterior: StrengthPosterior) -> tuple[ModelWarning, ...]:
-    """Warn about own shots that are far from the prediction by the published tests and the other shots."""
+    """Warn about shots of `OwnTests` that are far from the prediction by the published tests and the other shots."""
     apart = [
         f"shot {number} (S {factor:.3g}, {abs(deviation):.2g} dispersions {'above' if deviation > 0.0 else 'below'})"
         for number, (factor, deviation) in enumerate(zip(posterior.factors, posterior.deviations, strict=True), start=1)
@@ -354,7 +354,7 @@ def own_tests_apart(posterior: StrengthPosterior) -> tuple[ModelWarning, ...]:
 
 
 def _own_tests_deeper_than_wall(tests: OwnTests, target: Target) -> tuple[ModelWarning, ...]:
-    """Warn about own shots that went deeper than the wall is thick."""
+    """Warn about shots of `OwnTests` that went deeper than the wall is thick."""
     if target.thickness is None:
         return ()
     deeper = [number for number, shot in enumerate(tests.shots, start=1) if shot.depth >= target.thickness]
@@ -397,7 +397,7 @@ def _beyond_published_tests(projectile: Projectile, target: Target, velocity: fl
 UNDECIDED = "undecided"
 """Code of the warnings about runs that ended at the termination time."""
 DEEPER_THAN_WALL = "own_tests_deeper_than_wall"
-"""Code of the warning about own tests that went deeper than the wall is thick."""
+"""Code of the warning about shots of `OwnTests` that went deeper than the wall is thick."""
 RETENTION_DECIDES = "retention_decides"
 """Code of the warning about critical angles that depend on the retention energy."""
 
@@ -521,7 +521,7 @@ def shallow(*, depth: float, diameter: float) -> tuple[ModelWarning, ...]:
 
 
 def bends(*, stress: float, time: float, distance: float, yield_strength: float | None) -> tuple[ModelWarning, ...]:
-    """Warn about a projectile whose surface yields in bending, so that it does not stay rigid."""
+    """Warn about a projectile whose surface yields in bending, so it does not stay rigid."""
     limit = USUAL_YIELD_STRENGTH if yield_strength is None else yield_strength
     if stress <= limit:
         return ()
