@@ -193,7 +193,8 @@ class StrengthPowerLaw:
     Parameters
     ----------
     coefficient
-        Coefficient. [1] Frew et al. (1998) give 82.6 with the exponent -0.544, Li and Chen (2003) 72 with -0.5.
+        Strength factor in normal impact at the reference strength and diameter. [1] Frew et al. (1998) give 82.6 with
+        the exponent -0.544, Li and Chen (2003) 72 with -0.5.
     exponent
         Exponent of the strength. [1]
     reference_strength
@@ -306,7 +307,7 @@ class PublishedTests:
 
 # No laboratory fires so many shots into one concrete.
 MOST_SHOTS = 1000
-"""Largest number of own tests."""
+"""Largest number of shots in `OwnTests`."""
 NORMAL_QUANTILE = 1.6448536
 """Half-width of the 90 % interval of a normal distribution. [standard deviations]"""
 # Measured values lie between 2.3 and 30. A depth that requires a value outside this range is in a wrong unit, or
@@ -560,7 +561,7 @@ class OwnTests:
     def power_law(
         self, *, target: Target, projectile: Projectile, inertia_factor: float = 1.0, crater: Crater | None = None
     ) -> StrengthPowerLaw:
-        """Return the median of S, times `residual`, as a power law: strength and diameter may vary in studies.
+        """Return the median of S, times `residual`, as a power law of strength and diameter, which may vary in studies.
 
         Notes
         -----
@@ -645,7 +646,7 @@ def _likely_slip(
 ) -> tuple[str, tuple[Amount, ...]]:
     """Return the unit mistake whose correction brings the S of an implausible shot nearest to the law.
 
-    The words are followed by the amounts for each ``{}`` in them.
+    The mistake is returned as a text, followed by the amounts that take the places of ``{}`` in it.
 
     Parameters
     ----------
