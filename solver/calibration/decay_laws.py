@@ -27,7 +27,7 @@ class DecayLawFits:
     laws: Mapping[str, MotionsFit | None]
     """Fits by name of the law; None for a law with which the motions do not determine the strength factor."""
     warnings: tuple[ModelWarning, ...]
-    """Warnings about the fit with the requested law, and another one if another law fits much better."""
+    """Warnings about the fit with the requested law, and a warning if another law fits much better."""
 
     @property
     def best(self) -> str:

@@ -100,7 +100,7 @@ class DepthFit(ComparedByFields):
         return dataframe(columns, DepthTest, DepthFit)
 
     def plot(self, *, ax: "Axes | None" = None) -> Figure:
-        """Plot measured over predicted depths, in a new pyplot figure unless axes are given; return the figure."""
+        """Plot measured against predicted depths, in a new pyplot figure unless axes are given; return the figure."""
         error = "" if math.isnan(self.estimate.standard_error) else f" ± {self.estimate.standard_error:.2g}"
         title = f"S = {self.estimate.strength_factor:.3g}{error}"
         return plot_depths(self.predicted, self.predicted + self.residuals, title, ax)

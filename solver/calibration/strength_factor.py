@@ -168,7 +168,7 @@ def _undetermined(field: str) -> UndeterminedError:
     )
 
 
-# A polynomial of higher order would oscillate between the points, however many there realistically are.
+# With any realistic number of points, a polynomial of higher order would oscillate between them.
 HIGHEST_ORDER = 9
 """Highest order of a polynomial in the angle."""
 RIGHT_ANGLE = 90.0

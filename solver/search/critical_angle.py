@@ -399,7 +399,7 @@ def _turned_away(trial: Trial) -> bool:
 
 
 def _first_onset(brackets: list[tuple[Trial, Trial]], trials: tuple[Trial, ...]) -> Change:
-    """Return the first change to ricochet among `brackets`, which are in order of the angle, or why there is none."""
+    """Return the first change to ricochet, or the reason why there is none; `brackets` are in order of the angle."""
     starts = _turned_away(brackets[0][0] if brackets else trials[-1])
     deciding = tuple(trial for bracket in brackets for trial in bracket)
     onsets = [index for index, (_, right) in enumerate(brackets) if _turned_away(right)]
@@ -462,7 +462,10 @@ def _warnings(
 
 
 def _most_turned(trials: tuple[Trial, ...]) -> tuple[float, float]:
-    """Return the largest turn of the axis in fine trials that ended in `UNSTOPPED`, and its oblique angle. [rad]"""
+    """Return the largest turn of the axis in a fine trial with an outcome in `UNSTOPPED`, and its oblique angle. [rad]
+
+    Both are 0 if there is no such trial.
+    """
     turns = ((trial.turned, trial.oblique_angle) for trial in trials if trial.fine and trial.outcome in UNSTOPPED)
     return max(turns, default=(0.0, 0.0))
 

@@ -49,8 +49,8 @@ from solver.surface import Body
 MOST_TRIALS = 2000
 """Number of trials after which no bracket is narrowed any further."""
 # If the root is closer to an end of the bracket than this, a trial at this distance leaves a bracket within the
-# tolerance, and is the last one. The value is just under one half, so two trials, one on each side of a root, do the
-# same.
+# tolerance, and is the last one. The value is just under one half, so two trials, one on each side of a root, also
+# leave a bracket within the tolerance.
 KEEP_OFF = 0.45
 """Least distance of a trial from the ends of the bracket, as a fraction of the tolerance. [1]"""
 # Where the margin is not smooth, regula falsi may shrink a bracket slowly; bisection then bounds the number of trials.
@@ -98,7 +98,7 @@ def _bracket(left: int, right: int, tried: int, level: Level, search: SearchStat
     Returns
     -------
     tuple of two integers
-        Trials on either side of the change; twice the same one if no change was found in the range.
+        Trials on either side of the change; the same trial twice if no change was found in the range.
     """
     trials, count = search.table.rows, search.table.filled[0]
     # The margin is nearly linear near a change. The first trial is at the root of the coarser level, the second a
@@ -165,9 +165,10 @@ def _narrow(left: int, right: int, level: Level, search: SearchState) -> tuple[i
 def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int, int]:
     """Narrow a change that was found on level `first`, level by level; return the trials on either side.
 
-    The last level is used if the estimated error of the root is above `DOUBT`, or if a trial beside the change was
-    still in motion at the termination time. Its first trial is at the root of the requested level. If the margin of
-    that trial moves the root by at most `DOUBT`, it is the only one.
+    The last level is used if it is finer than the requested one, and either the estimated error of the root is above
+    `DOUBT` or a trial beside the change is undecided. Its first trial is at the root of the requested level. That trial
+    is the only one if no trial beside the change is undecided, the root has moved by at most `NEAR` between levels, and
+    the margin of the trial moves it by at most `DOUBT`.
     """
     trials, levels, place, shift, tried = search.table.rows, search.levels, math.nan, math.nan, -1
     begun = count = search.table.filled[0]
@@ -228,10 +229,11 @@ MORE_INERTIA = 1.02
 """Factor on the moment of inertia in the trial that measures its effect. [1]"""
 # If S varies strongly between two trials, they may hide a band of another outcome; the value is a rough choice.
 MOST_STRENGTH_BEND = 0.1
-"""Largest relative deviation of S midway between two trials from their mean, to skip the angles between. [1]"""
-# Where S falls steeply with the angle, a projectile may be embedded at small angles because it strikes steeply, and at
-# large angles because S is too small to turn it. A critical angle between two such trials was once missed, and the
-# result was 19° too large.
+"""Largest relative deviation of S midway between two trials from the mean of its values at both, with which the angles
+between are skipped. [1]"""
+# Where S falls steeply with the angle, a projectile may be embedded at small angles because it strikes nearly along the
+# normal, and at large angles because S is too small to turn it. A critical angle between two such trials was once
+# missed, and the result was 19° too large.
 LEAST_STRENGTH_RATIO = 0.5
 """Least ratio of the smaller to the larger S of two embedded trials, with which the angles between are skipped. [1]"""
 
@@ -310,7 +312,10 @@ def _scan(angles: FloatArray, level: Level, search: SearchState) -> int:
 
 @lean
 def _connects_ends(lowest: FloatArray, highest: FloatArray, trials: FloatArray, brackets: IntArray) -> bool:
-    """Return whether the changes connect the outcomes at both ends of the range, so that none is missing."""
+    """Return whether the changes lead from the outcome at one end of the range to that at the other.
+
+    Otherwise a change is missing.
+    """
     last = lowest
     for i in range(brackets.shape[0]):
         left, right = trials[brackets[i, 0]], trials[brackets[i, 1]]
@@ -322,7 +327,10 @@ def _connects_ends(lowest: FloatArray, highest: FloatArray, trials: FloatArray, 
 
 @once
 def _energy_left(angle: float, level: Level, search: SearchState) -> float:
-    """Return the fraction of the energy left at an angle; 0 if it is less than a tenth of the retention energy. [1]"""
+    """Return the fraction of the energy left at an angle. [1]
+
+    It is 0 unless the trial ends as sought with at least a tenth of the retention energy.
+    """
     trial = search.table.rows[attempt(angle, level, search)]
     search.table.filled[0] -= 1  # the next trial overwrites this one, which is not part of the search
     left = trial[MARGIN] + search.inputs.retention
@@ -391,7 +399,7 @@ def search_outcome(angles: FloatArray, inputs: TrialInputs, model: Model, levels
     """Scan the increasing `angles`, then narrow every change of outcome level by level.
 
     If a trial could not be integrated, or the strength factor is not above zero at one of the angles, that trial is the
-    last of the table and there are no brackets.
+    last of the table, and brackets may be missing.
     """
 
     def search(control: IntArray) -> Found:

@@ -124,7 +124,7 @@ ANGLE, POSITION, END, MARGIN, FINE, STATE = range(6)
 """Columns of the table of trials.
 
 Oblique angle [rad]; final depth of the nose tip [m]; a value of `Termination`; the margin, see `_margin` [1]; 1 for a
-trial of at least the requested resolution, else 0; and the six numbers of the final state [m, rad, s]."""
+trial at the final resolution, else 0; and the six numbers of the final state [m, rad, s]."""
 COLUMNS = STATE + 6
 """Number of columns of the table of trials."""
 TIME, RETAINED, EXIT = Termination.TIME.value, Termination.RETAINED.value, Termination.EXIT.value

@@ -65,8 +65,8 @@ class Search:
     method: SearchMethod = "outcome"
     lower: float | None = None
     upper: float | None = None
-    # 0.01° is a tenth of the last digit that a verdict may show, and one per cent the tolerance of the paper. The
-    # default range has 64 intervals of 1.25°, a multiple of the 16 with which the scan begins.
+    # 0.01° is a tenth of the last digit that a verdict shows for the usual scatter. The relative tolerance of one per
+    # cent is the paper's. The default range has 64 intervals of 1.25°, a multiple of the 16 with which the scan begins.
     tolerance: float = math.radians(0.01)
     relative_tolerance: float = 0.01
     scan_interval: float = math.radians(1.25)
@@ -163,8 +163,8 @@ class CriticalAngle:
     strength_factor: float | None = None
     """Strength factor used at the critical angle, if there is one. [1]"""
     strength_factor_dispersion: float | None = None
-    """Standard deviation of ln S for the next shot into the same concrete, from own shots or from the published tests;
-    None without an angle. [ln]"""
+    """Standard deviation of ln S for the next shot into the same concrete, from shots into it, or else from the
+    published tests; None without an angle. [ln]"""
     own_tests: StrengthPosterior | None = None
     """Posterior of S from shots into the same concrete; None without such shots, or without an angle."""
     exit: Exit | None = None
@@ -174,7 +174,7 @@ class CriticalAngle:
     search is by outcome."""
 
     def row(self) -> Row:
-        """Return status, angle and bracket by the column names of `solver.columns`. [rad]"""
+        """Return status, angle, standard error, bracket and strength factor by column name, with angles in radians."""
         low, high = self.bracket or (None, None)
         return {
             "status": self.status.value,

@@ -69,6 +69,8 @@ study."""
 class AngleStudy:
     """Study that samples critical angles until the probability of ricochet is known to the requested half width.
 
+    It ends earlier if the budget of samples is used up.
+
     Parameters
     ----------
     uncertain
@@ -80,7 +82,7 @@ class AngleStudy:
     sensitivity
         Compute Sobol indices and swings too.
     shots
-        Result of `next_shots`: index of the factor on S among the inputs, and expected scatter after own shots.
+        Result of `next_shots`: index of the factor on S among the inputs, and expected scatter after further shots.
     bounds
         Bounds of the search. For a sample without an angle, Sobol indices use the bound beyond which its angle lies.
         [rad]
@@ -201,10 +203,10 @@ class AngleStudy:
         )
 
     def _expansion(self, tables: Tables) -> Expansion | None:
-        """Return the fit of the critical angle, if one is possible.
+        """Return the fit of the critical angle; None if a fit is not possible.
 
-        Every sample must have exactly one change of outcome, at least one input must be continuous, and all discrete
-        values must be enumerated. None also means that there are too few points.
+        Every sample must have exactly one change of outcome, at least one input must be continuous, all discrete values
+        must be enumerated, and there must be enough points.
         """
         design = self.design
         if not tables.simple or (design.discrete and not design.enumerated) or not design.continuous:
@@ -335,7 +337,7 @@ class AngleStudy:
         )
 
     def _after_shots(self, unit: FloatArray, angles: FloatArray, weights: FloatArray) -> tuple[AfterShots, ...]:
-        """Return the expected ranges of the critical angle after own shots.
+        """Return the expected ranges of the critical angle after further shots into the concrete.
 
         Parameters
         ----------

@@ -27,7 +27,7 @@ FAR = 9.0
 # Over a range of this size the angle is a curved function of an input; smaller ranges need no high orders. The value
 # separates the usual dispersion of S, 0.48, from those of all other inputs, at most 0.12.
 WIDE = 0.2
-"""Dispersion of an input from which on polynomials of higher order in that input alone are tried. [ln]"""
+"""Least dispersion of an input with which polynomials of higher order in that input are tried. [ln]"""
 # One standard deviation is then a factor of 22,000 either way, more than for any real input.
 LARGEST_DISPERSION = 10.0
 """Largest accepted dispersion. [1]"""
@@ -78,7 +78,7 @@ def _spread_name(deviation: float | None) -> str:
 
 
 def _require_order(name: str, holds: bool, words: str, other: float) -> None:
-    """Raise `ParameterError` unless a parameter `holds` its place beside another one of the distribution."""
+    """Raise `ParameterError` if `holds`, the required order of two parameters of a distribution, is false."""
     require(holds, f"{FIELD}.{name}", f"must be {words}, {{}}", Amount(other, None))
 
 
@@ -292,8 +292,8 @@ class LogStudentT:
     degrees_of_freedom
         Degrees of freedom, 1 or more; with many, the distribution is lognormal. [1]
     lower, upper
-        Bounds at which the distribution is truncated, if any, with the median between them. Heavy tails require them if
-        the field has bounds.
+        Bounds at which the distribution is truncated, if any, with the median between them. Without them, heavy
+        tails may reach beyond the bounds of the field.
     """
 
     name: ClassVar[str] = "log_student_t"

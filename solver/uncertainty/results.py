@@ -84,7 +84,7 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class AfterShots:
-    """Expected range of the critical angle after some own shots into the concrete."""
+    """Expected range of the critical angle after some further shots into the same concrete."""
 
     shots: int
     """Number of shots."""
@@ -142,7 +142,7 @@ class Tables:
         count
             Number of points of each scrambling in the round.
         others
-            Further results, which count as samples and problems but do not enter the probabilities.
+            Further results, which are included in the numbers of samples and of problems, but not in the probabilities.
         """
         if len(results) != SCRAMBLINGS * count * self._design.alternatives:
             raise ParameterError("results", "must be one for each point")

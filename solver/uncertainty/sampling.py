@@ -171,8 +171,8 @@ class Sampling:
 
     def __post_init__(self) -> None:
         # A half width of 1e-4 takes a hundred million independent samples, more than the largest budget, and 0.5 is the
-        # half width of all probabilities. With a confidence below one half, an interval is more often wrong than right;
-        # the upper bound of the confidence is a rough choice. Every JSON reader preserves integers up to 2**53.
+        # half width of the range from 0 to 1. With a confidence below one half, an interval is more often wrong than
+        # right; the upper bound of the confidence is a rough choice. Every JSON reader preserves integers up to 2**53.
         require_between("sampling.half_width", self.half_width, 1e-4, 0.5)
         require_between("sampling.confidence", self.confidence, 0.5, 0.9999)
         require_between("sampling.max_samples", self.max_samples, FEWEST_SAMPLES, MOST_SAMPLES)

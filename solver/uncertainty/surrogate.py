@@ -223,7 +223,7 @@ def expansion_moments(expansion: Expansion, weights: Sequence[Sequence[float]], 
 
 
 def _moments(terms: FloatArray, support: npt.NDArray[np.bool_], missed: float, sampling: Sampling) -> Moments:
-    """Return moments and indices of the coefficients in the first row, with intervals from the other rows.
+    """Return moments and indices from the coefficients in the first row, with intervals from the other rows.
 
     Parameters
     ----------

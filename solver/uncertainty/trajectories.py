@@ -71,6 +71,8 @@ study."""
 class TrajectoryStudy:
     """Study that samples runs until the probability of each outcome is known to the requested half width.
 
+    It ends earlier if the budget of samples is used up.
+
     Parameters
     ----------
     uncertain

@@ -55,8 +55,8 @@ def has_own_law(resistance: Resistance | None) -> bool:
     Notes
     -----
     This is true for any decay law except the elastic-plastic one, and for a value or coefficients of S that the user
-    has given. With elastic-plastic decay it is false for published tests, own shots, eq. 9, and the published power
-    law.
+    has given. With elastic-plastic decay it is false for published tests, the user's own shots, eq. 9, and the
+    published power law.
     """
     if resistance is None:
         return False
@@ -86,7 +86,7 @@ def usual_scatter(
     theories: bool | None = None,
     strength_scatter: ScatterSource = "law",
 ) -> tuple[Uncertain, ...]:
-    """Return the inputs that usually scatter in a strike, as for `critical_angle_uncertainty`.
+    """Return the inputs that usually scatter in a strike, for use in `critical_angle_uncertainty`.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def usual_scatter(
     Raises
     ------
     ParameterError
-        If no strength factor gives the depth of an own shot.
+        If no strength factor gives the depth of one of the user's own shots.
 
     Notes
     -----

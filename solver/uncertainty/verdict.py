@@ -37,7 +37,8 @@ from solver.warnings import ModelWarning
 SAMPLES, HALF_WIDTH = 1024, 0.05
 """Budget of samples, and half width of the intervals of probabilities at which sampling ends. [1, 1]"""
 # Between two such angles, the probability for the paper's strike rises by 0.07 at most, and a straight line is off by
-# 0.015, less than the half width of the intervals. The angle to judge is always one of these angles.
+# 0.015, less than the half width of the intervals. The angle to judge is one of these angles if the search
+# covers it.
 STEP_DEG = 0.5
 """Interval between angles at which the probability is computed. [°]"""
 # Conversion of the angle to judge between degrees and radians causes rounding errors.
@@ -284,7 +285,7 @@ def probability_text(probability: Estimate) -> str:
 
 
 def next_shot_advice(now: tuple[float, float], after: Sequence[AfterShots]) -> str:
-    """Compose a sentence on how far more shots into the same concrete would narrow the range of the critical angle.
+    """Compose a sentence on how much further shots into the same concrete would narrow the critical angle's range.
 
     Parameters
     ----------
@@ -556,8 +557,8 @@ def conclude(steps: Steps, answer: Callable[[Mapping[str, Question]], Mapping[st
 
 def range_with(spread: tuple[float, float] | None, angle: float | None) -> tuple[float, float] | None:
     """Return a range extended to include the angle with the inputs as given."""
-    # The angle with the inputs as given may be an extreme, for example as a function of the angle of attack, so that
-    # all samples lie on one side of it. The inputs as given are as likely as any sample, so a range without their angle
+    # The angle with the inputs as given may be an extreme, for example as a function of the angle of attack; then all
+    # samples lie on one side of it. The inputs as given are as likely as any sample, so a range without their angle
     # would be wrong.
     if spread is None or angle is None:
         return spread
@@ -569,7 +570,7 @@ def with_those_of_strike(strike: Sequence[ModelWarning], search: Sequence[ModelW
 
     If both have a warning with the same code, both are kept, because the strike is at the angle to judge and the search
     at other angles. A warning about the strike is left out if the text of a warning about the search begins with its
-    text. It is a standing note if the warning about the search with the same code is one.
+    text. A warning that is kept is a standing note if the warning about the search with the same code is one.
     """
     by_code = {each.code: each for each in search}
     kept = [

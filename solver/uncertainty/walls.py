@@ -35,7 +35,7 @@ MARGINS: dict[Question, float] = {"perforation": PERFORATION_MARGIN, "scabbing":
 """Safety factors on the limit thicknesses against perforation and scabbing (DOE-STD-3014-2006). [1]"""
 THIS_MODEL = "this_model"
 """Name in place of a formula, if the model requires a thicker wall than the formulas with their margin."""
-# The range of a critical angle has the same probability, so that all ranges are comparable.
+# The range of a critical angle has the same probability, so all ranges are comparable.
 PROBABILITY = 0.9
 """Probability of the range of a least thickness or a limit speed, due to the scatter of S. [1]"""
 
@@ -341,7 +341,7 @@ def _design_values(
 
 
 def _needed(projectile: Projectile) -> Callable[[PerforationLimit], float]:
-    """Return a function from a search result to the thickness from which on nothing comes out at the rear. [m]"""
+    """Return a function from a search result to the least thickness with which nothing comes out at the rear. [m]"""
 
     def of(found: PerforationLimit) -> float:
         if found.status is PerforationStatus.ALWAYS_PERFORATED:

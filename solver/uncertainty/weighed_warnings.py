@@ -106,7 +106,7 @@ def weighed(
     spread: tuple[float, float] | None,
     moved: Mapping[str, Sequence[float | None]],
 ) -> tuple[ModelWarning, ...]:
-    """Add to warnings their effect on the angle, and mark them as standing notes if it is small for the range.
+    """Add to warnings their effect on the angle, and mark those with little effect as standing notes.
 
     A warning remains unchanged if there is no angle or no range, or if its effect is unknown.
 
