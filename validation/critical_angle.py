@@ -43,7 +43,7 @@ class Attempts:
 
     @property
     def turned_away(self) -> list[bool]:
-        """Whether the nose tip is above the face at 5 ms, the paper's criterion for ricochet, for each trial."""
+        """For each trial, whether the nose tip is outside the concrete at 5 ms, the paper's criterion for ricochet."""
         return [depth < 0.0 for depth in self.final]
 
 

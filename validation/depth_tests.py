@@ -186,9 +186,9 @@ def model_factors(strikes: Sequence[PublishedStrike], model: StrengthFactor) -> 
 
 
 def depth_curve(strike: PublishedStrike, method: str) -> DepthCurve:
-    """Return depth as a function of S, a polynomial in their logarithms.
+    """Return depth as a function of S, approximated by a polynomial for ln depth in ln S.
 
-    All fits take `CURVE_DEGREE` + 1 runs per test.
+    The polynomial takes `CURVE_DEGREE` + 1 runs; fits then need no further runs.
     """
     depth = METHODS[method]
 

@@ -77,7 +77,7 @@ class Calibration:
     fits: DecayLawFits
     """Fits to each run until its nose tip is deepest."""
     later_fits: DecayLawFits
-    """Fits to each run until its centre of gravity is deepest, which is later at steep angles."""
+    """Fits to each run until its centre of gravity is deepest, which is later at large angles."""
     by_depth: DepthFit
     """Fit to the greatest depths in normal impact, which do not depend on the decay law."""
     alone: Mapping[str, Mapping[float, Mapping[str, Estimate | None]]]

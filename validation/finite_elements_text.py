@@ -315,7 +315,7 @@ def _factor(estimate: Estimate | None) -> str:
 
 
 def _turned(motion: MotionHistory) -> float:
-    """Return the rotation in the last row of a run; nan without one. [°]"""
+    """Return the rotation in the last row of a history; nan if the history has no rotation. [°]"""
     return math.nan if motion.rotation is None else math.degrees(float(motion.rotation[-1]))
 
 

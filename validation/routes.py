@@ -109,7 +109,7 @@ EXTRAS = {
 }
 """Combinations of crater, plug, angle of attack and spin, without and with a wall."""
 STRIDE = 5
-"""Step in `EXTRAS` from one round of cells to the next. It is coprime to the number of extras, so that all occur."""
+"""Step in `EXTRAS` from one round of cells to the next. It is coprime to the number of extras, so all of them occur."""
 COMBINATIONS = tuple(Combination(*cell, *extras) for cell in CELLS for extras in EXTRAS[cell[1]])
 FULL_TABLE = len(CELLS) * len(EXTRAS[True])
 """Number of strikes after which every combination has occurred."""

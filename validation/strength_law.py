@@ -372,7 +372,8 @@ def score(names: Sequence[str], *, inertia_factor: float = 1.0, crater: Crater |
     shots = counted_shots()
     values = logarithms(shots, inertia_factor=inertia_factor, crater=crater)
     found = unseen_series(shots, values, names, by_article=True)
-    # Densities of ln S under different B and craters are compared as densities of ln depth.
+    # Laws with different inertia factors B or craters give different S for a shot, so their densities of ln S are not
+    # comparable. They are converted to densities of ln depth.
     step = 1.001
     deeper = np.log(
         [factor_of(shot, inertia_factor=inertia_factor, crater=crater, depth=step * shot.depth) for shot in shots]
@@ -390,7 +391,7 @@ CANDIDATES: Mapping[str, tuple[Sequence[str], float, Crater | None]] = {
     **{f"strength, diameter, with B = {factor:g}": (CHOSEN, factor, None) for factor in (0.5, 1.5, 2.0)},
     "strength, diameter, with a crater of 2 diameters": (CHOSEN, 1.0, Crater()),
 }
-"""Candidate laws by name: quantities on which S depends, B, and crater."""
+"""Candidate laws by name: quantities on which S depends, the inertia factor B, and the crater."""
 
 
 def strength_law_section() -> Section:
