@@ -96,8 +96,8 @@ def _ratio(axes: Axes, assessment: Assessment, velocities: FloatArray, ratios: F
 
 
 SERIES = "forrestal-1994"
-"""Series whose mean and coefficient of variation of predicted over measured depth were fixed beforehand, for the closed
-form with S = 82.6 f'c^−0.544."""
+"""Series for which the expected mean and coefficient of variation of predicted over measured depth were fixed
+beforehand, for the closed form with S = 82.6 f'c^−0.544."""
 MEAN_RATIO, MEAN_RATIO_TOLERANCE = 1.02, 0.03
 VARIATION, VARIATION_TOLERANCE = 0.08, 0.02
 FIGURE_NAMES = ("power-law-82.6", "power-law-72", "constant-8.52", "leave-one-out")

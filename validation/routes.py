@@ -102,7 +102,7 @@ class Combination(NamedTuple):
 
 
 CELLS = tuple(itertools.product(BODIES, (False, True), DECAYS))
-"""Combinations of body, wall and decay, which successive strikes have in turn."""
+"""Combinations of body, wall and decay; successive strikes go through them in turn."""
 EXTRAS = {
     wall: tuple(itertools.product((False, True), (False, True) if wall else (False,), (False, True), (False, True)))
     for wall in (False, True)

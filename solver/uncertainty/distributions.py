@@ -17,7 +17,7 @@ from solver.resistance import student_dispersion
 from solver.units import Amount
 
 FIELD = "distribution"
-"""Name of a distribution in errors."""
+"""Field name of a distribution in errors."""
 # A Gauss rule with 48 nodes is exact up to degree 95, which includes the square of every polynomial in use.
 NODES = 48
 """Number of nodes of a quadrature rule for a smooth density."""
@@ -37,7 +37,7 @@ FREEDOM = (1.0, 1e6)
 """Range of accepted degrees of freedom. [1]"""
 # The least probability is half a cell of the sample points, whose coordinates have 30 bits.
 TINY = 2.0**-31
-"""Least probability of a sample. [1]"""
+"""Least probability at which a distribution is sampled. [1]"""
 # The tolerance accepts weights that are rounded to ten or more decimal places.
 WEIGHTS_SUM = 1e-9
 """Largest deviation of the sum of weights from 1. [1]"""
