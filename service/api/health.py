@@ -28,7 +28,7 @@ MOST_NAMES = 5
 
 
 class HealthStatus(StrEnum):
-    """Readiness of the service: `ok` if a worker answered, `busy` if all of them were computing."""
+    """State of the service: `ok`, or `busy` if the readiness probe found all workers computing."""
 
     OK = "ok"
     BUSY = "busy"

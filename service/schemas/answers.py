@@ -246,7 +246,7 @@ class BendingHistory(Part):
 
 
 class Bending(Part):
-    """Largest bending stress over a run, until the projectile first comes free or has lost 95 % of its energy.
+    """Largest bending stress until the projectile first comes free of the concrete or has lost 95 % of its energy.
 
     It follows from D'Alembert's principle, with the loads of the model and the inertia of a homogeneous body of the
     outer shape, solid or hollow.
@@ -293,19 +293,19 @@ class Trajectory(Part):
 
 
 class Alternative(Part):
-    """Result of the same case with a different decay law or strength law."""
+    """Result of the same case with one combination of a decay law and a strength law."""
 
     free_surface: FreeSurfaceModel
     strength_factor: StrengthLaw
     obliquity_shape: ObliquityShape
     fitted_to: str
-    """Tests or computations to which the strength law was fitted, and the basis of the decay law, which is a theory."""
+    """Tests or computations to which the strength law was fitted, and the basis of the decay law."""
     problem: Problem | MISSING = MISSING
     """Reason why there is no result with these laws."""
 
 
 class TrajectoryAlternative(Alternative):
-    """Outcome of the same strike with a different decay law or strength law."""
+    """Outcome of the same strike with one combination of a decay law and a strength law."""
 
     model_config = with_examples(OTHER_OUTCOME)
 
@@ -313,7 +313,7 @@ class TrajectoryAlternative(Alternative):
 
 
 class CriticalAngleAlternative(Alternative):
-    """Result of the same search with a different decay law or strength law."""
+    """Result of the same search with one combination of a decay law and a strength law."""
 
     model_config = with_examples(OTHER_ANGLE)
 
@@ -328,7 +328,7 @@ class TrajectoryAnswer(Trajectory):
     model_config = with_examples(RUN | VERSIONED, RUN | VERSIONED | {"alternatives": [OTHER_OUTCOME]})
 
     alternatives: Annotated[list[TrajectoryAlternative] | MISSING, GIVEN] = MISSING
-    """Results with other decay and strength laws, if requested."""
+    """Results with each combination of decay and strength law, if requested; one may have the laws of the request."""
     key: Key
     engine_version: EngineVersion
 
@@ -408,7 +408,7 @@ class CriticalAngleAnswer(Part):
     trajectory: Annotated[Trajectory | MISSING, GIVEN] = MISSING
     """Run at the critical angle, if requested."""
     alternatives: Annotated[list[CriticalAngleAlternative] | MISSING, GIVEN] = MISSING
-    """Results with other decay and strength laws, if requested."""
+    """Results with each combination of decay and strength law, if requested; one may have the laws of the request."""
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion

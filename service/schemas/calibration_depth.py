@@ -1,4 +1,4 @@
-"""Models of the calibration by penetration depths, and of the fit of a polynomial of S in the oblique angle."""
+"""Models of the fit of a strength factor to penetration depths, and of a polynomial in the angle to such factors."""
 
 import itertools
 import math
@@ -38,7 +38,7 @@ MOST_TESTS = 1000
 """Largest number of tests, four times the 251 published tests to which the law of S was fitted."""
 CURVE_POINTS = 21
 """Number of points of a curve of depth against velocity, enough for a smooth plot."""
-# A fifth more on either side shows where the curve leads, without an extrapolation far from the tests.
+# An extension by a fifth on either side shows the trend of the curve without extrapolating far from the tests.
 BELOW, ABOVE = 0.8, 1.2
 """Lowest and highest velocity of a curve, relative to the lowest and highest velocity of the tests. [1]"""
 
@@ -68,7 +68,8 @@ class DepthTest(SolverPart[SolverTest]):
     """Greatest depth of the nose tip. [m]"""
     mass_kg: Annotated[Num, Field(**within("projectile.mass"))] | MISSING = MISSING
     """Mass of the projectile, if it differs from the mass of `projectile`. [kg]"""
-    # Only ratios of weights matter. A ratio beyond a million has the effect of leaving a test out, without saying so.
+    # Only ratios of weights matter. The bounds are rough choices: with a millionth of the default weight, a test has
+    # no noticeable effect on the fit.
     weight: Annotated[Num, Field(ge=1e-6, le=1e6)] = 1.0
     """Relative weight of the squared residual. [1]"""
     group: Group | MISSING = MISSING

@@ -298,7 +298,7 @@ class MotionCalibrationRequest(Calibration):
 
 
 def _used(record: MotionRecord, until_s: Any, until_greatest_depth: bool) -> MotionHistory:
-    """Return the rows of a history to fit."""
+    """Return the part of a history to which the model is fitted."""
     history = record.to_solver()
     if until_greatest_depth:
         if until_s is not MISSING:

@@ -129,7 +129,7 @@ def _to_json(field: AnswerField, value: Any) -> Any:
 
 @cache
 def columns_of(model: type[Part], prefix: str = "", suffix: str = "") -> tuple[Column, ...]:
-    """Return the columns of an answer or of a part of one in a table.
+    """Return the table columns of an answer, or of a part of one.
 
     Parameters
     ----------

@@ -143,7 +143,7 @@ class FormulasAnswer(Part):
     scabbing_thickness_spread: Annotated[FormulaSpread | MISSING, spread_of("scabbing_thickness")] = MISSING
     perforation_thickness_spread: Annotated[FormulaSpread | MISSING, spread_of("perforation_thickness")] = MISSING
     nose_class: Annotated[str, GIVEN, NOT_TABLED]
-    """Nose class that the formulas use, which ranges from flat to sharp with the length of the nose."""
+    """Nose class that the formulas use, from flat to sharp. It follows from the ratio of nose length to diameter."""
     scabbing_margin: Annotated[Num, Of(lambda _: SCABBING_MARGIN), NOT_TABLED]
     """Factor on the scabbing thickness that DOE-STD-3014-2006 requires in a design. [1]"""
     perforation_margin: Annotated[Num, Of(lambda _: PERFORATION_MARGIN), NOT_TABLED]

@@ -116,7 +116,7 @@ SPEED = {
 
 
 class LimitOutput(Part):
-    """Optional contents of the answer to a search for perforation."""
+    """Optional contents of the answer."""
 
     model_config = with_examples({"range": False})
 
@@ -126,7 +126,7 @@ class LimitOutput(Part):
 
 
 class BatchLimitOutput(LimitOutput):
-    """Contents of the answer to a search for perforation in a batch or a sweep."""
+    """Contents of the answer to one case of a batch or one point of a sweep."""
 
     range: Flag = False
     """Include the 90 % range over the strength factor, the values with a plug and a crater, and the `sentence`. They
@@ -134,7 +134,7 @@ class BatchLimitOutput(LimitOutput):
 
 
 class PerforationCase(Case):
-    """Base class of the requests that search for perforation."""
+    """Base class of the requests for a least thickness or a limit speed."""
 
     output: Annotated[LimitOutput, Field(default_factory=LimitOutput)]
 
@@ -273,7 +273,7 @@ class LimitRange(Part):
 
 
 class PerforationTrial(Part):
-    """Base class of the results of one run in a search for perforation."""
+    """Base class of the results of one run in a search for a least thickness or a limit speed."""
 
     solved = solver.PerforationTrial
     answered_last: ClassVar = ("outcome", "exit", "protrusion")
@@ -312,8 +312,9 @@ class ThicknessAnswer(Part):
 
     status: PerforationStatus
     least_thickness_m: Annotated[Num | MISSING, Of("value")] = MISSING
-    """Least thickness found that stops the projectile, if there is one between a tenth and a thousand diameters. Unless
-    `resistance` has a `rear_plug` and a `crater`, the model includes neither, and a real wall has to be thicker. [m]"""
+    """Least thickness found that stops the projectile, if there is one between a tenth and a thousand diameters. The
+    model includes a rear plug and a crater only if `resistance` has them; without them, a real wall has to be thicker.
+    [m]"""
     bracket_m: Annotated[
         Annotated[list[Num], Field(min_length=2, max_length=2)] | MISSING,
         Column("bracket_low_m", "lower of the two thicknesses between which the outcome changes"),
@@ -349,8 +350,8 @@ class LimitSpeedAnswer(Part):
 
     status: PerforationStatus
     limit_speed_m_s: Annotated[Num | MISSING, Of("value")] = MISSING
-    """Least speed found that perforates, if there is one between 1 and 2000 m/s. Unless `resistance` has a `rear_plug`
-    and a `crater`, the model includes neither, and slower projectiles perforate real walls. [m/s]"""
+    """Least speed found that perforates, if there is one between 1 and 2000 m/s. The model includes a rear plug
+    and a crater only if `resistance` has them; without them, slower projectiles perforate real walls. [m/s]"""
     bracket_m_s: Annotated[
         Annotated[list[Num], Field(min_length=2, max_length=2)] | MISSING,
         Column("bracket_low_m_s", "lower of the two speeds between which the outcome changes"),

@@ -45,7 +45,7 @@ Units = Annotated[
 
 
 def named_units(content: Any) -> UnitSystem | None:
-    """Return the units that a request names, which may be wrong in any other way; None if it names none."""
+    """Return the units that a request names; None if it names none. The rest of the request need not be valid."""
     units = content.get("units") if isinstance(content, dict) else None
     return UnitSystem(units) if isinstance(units, str) and units in set(UnitSystem) else None
 
@@ -144,7 +144,7 @@ def short_description(model: type[Part], name: str) -> str:
 
 
 STANDARD_GRAVITY = 9.80665
-"""Standard gravity, the unit of accelerations. [m/s²]"""
+"""Standard gravity, the unit of accelerations in the contract. [m/s²]"""
 KINDS = frozenset({"model", "shape", "type"})
 """Fields that select the variant of a union; the solver has a class for each variant."""
 Solved = TypeVar("Solved")
@@ -212,7 +212,7 @@ def within(field: str) -> dict[str, Any]:
 
 
 def degrees(angle: float) -> float:
-    """Convert an angle to degrees so that an angle given with up to 15 digits is returned unchanged."""
+    """Convert an angle from radians to degrees. An angle given in degrees with up to 15 digits is restored exactly."""
     exact = math.degrees(angle)
     short = float(f"{exact:.15g}")
     return short if math.radians(short) == angle else exact

@@ -38,7 +38,7 @@ from solver.uncertainty.usual import has_own_law
 from solver.units import Amount, UnitSystem, whole_number, written_in
 
 MOST_ROWS = 20_000
-"""Largest number of rows of a history: some 4 MB of JSON, and far finer than any plot shows."""
+"""Largest number of rows of a history: some 4 MB of JSON, and far more than a plot can show."""
 
 SampleInterval = Annotated[
     Num,
@@ -112,7 +112,7 @@ class Case(Part):
     tests; with `paper_table_1`, the four shots of the paper, as if fired into this concrete."""
 
     def shared_arguments(self) -> dict[str, Any]:
-        """Return the arguments that all functions of the solver share."""
+        """Return the arguments that the runs, searches and studies of the solver have in common."""
         return {
             "projectile": self.projectile.to_solver(),
             "target": self.target.to_solver(),
@@ -134,7 +134,7 @@ class Case(Part):
         """
 
     def adaptive(self, **numerics: float) -> Self:
-        """Return the request with defaults for its numerics, and the adaptive method unless another one is given."""
+        """Return the request with these defaults for its numerics, and the adaptive method if it names no method."""
         return self.model_copy(update={"numerics": filled(self.numerics, method=Method.ADAPTIVE, **numerics)})
 
     def canonical(self) -> dict[str, Any]:
@@ -300,7 +300,7 @@ def alternatives_in(request: Any) -> list[tuple[dict[str, Any], Any]]:
 
 
 def alternative_requests(request: Request) -> list[tuple[dict[str, Any], Request]]:
-    """Return the laws and the request of each alternative: the same case, including its `inertia`, with other laws."""
+    """Return the laws and the request of each alternative: the same case, including its `inertia`, with these laws."""
     found = []
     for each in alternative_resistances(request.resistance.to_solver()):
         laws = {"free_surface": each.free_surface.name, "strength_factor": each.strength_factor.name}

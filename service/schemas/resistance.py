@@ -60,7 +60,7 @@ class ConstantStrengthFactor(SolverPart[solver.ConstantStrengthFactor]):
     model_config = with_examples(CONSTANT)
 
     model: Literal["constant"]
-    # Measured values lie between 2 and 30. The bound is a rough choice that excludes strengths in MPa or Pa.
+    # Most measured values lie between 5 and 25. The bound is a rough choice that excludes a strength in Pa.
     value: Annotated[Num, Field(gt=0.0, le=1000.0)]
 
 
@@ -117,8 +117,9 @@ class StrengthPowerLaw(SolverPart[solver.StrengthPowerLaw]):
 class PublishedTests(SolverPart[solver.PublishedTests]):
     """Power law fitted to 251 published penetration tests: 8.84 (f'c / 39 MPa)^-0.18 (d / 76.2 mm)^-0.24.
 
-    Projectiles of 9.9 to 203 mm at 67 to 897 m/s, concrete of 13 to 108 MPa, normal impact. The S of an untested
-    concrete scatters about this law: ln S has Student's distribution with a scale of 0.27 and 3 degrees of freedom.
+    The tests are normal impacts of projectiles of 9.9 to 203 mm at 67 to 897 m/s on concrete of 13 to 108 MPa. The S of
+    an untested concrete scatters about this law: ln S has Student's distribution with a scale of 0.27 and 3 degrees of
+    freedom.
     """
 
     model_config = with_examples(PUBLISHED, PUBLISHED | {"obliquity_shape": "constant"})

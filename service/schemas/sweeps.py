@@ -193,7 +193,7 @@ class Grid:
     Raises
     ------
     AxisError
-        If an axis does not name a number of the base, or there are too many points.
+        If an axis does not name a number of the base, two axes name the same one, or there are too many points.
     """
 
     def __init__(self, model: type[BaseModel], outline: Outline) -> None:

@@ -57,7 +57,7 @@ CENTRED = [
     {"field": "target.compressive_strength_pa", "distribution": {"type": "lognormal", "dispersion": 0.12}},
     {"field": THEORY, "distribution": THEORIES},
 ]
-"""Inputs of `SCATTER` without centres, which are then the values of any case."""
+"""Inputs of `SCATTER` without centres, which then default to the values of the case."""
 
 Finite = Annotated[Num, Field(ge=-1e300, le=1e300)]
 
@@ -75,7 +75,7 @@ class Centred(Part):
 
 
 class Spread(Centred):
-    """Mean with a standard deviation or a coefficient of variation."""
+    """Base class of distributions given by a mean and either a standard deviation or a coefficient of variation."""
 
     centre: ClassVar = "mean"
 
@@ -154,7 +154,8 @@ class LogStudentTDistribution(Centred, SolverPart[LogStudentT]):
     """Degrees of freedom, 1 or more. With many degrees of freedom, the distribution is nearly lognormal. [1]"""
     lower: Finite | MISSING = MISSING
     upper: Finite | MISSING = MISSING
-    """Upper bound of a truncated distribution. A field with a limited range needs both, since the tails are heavy."""
+    """Upper bound of a truncated distribution. A field with a limited range needs both bounds, because the tails are
+    heavy."""
 
 
 class UniformDistribution(SolverPart[Uniform]):

@@ -87,14 +87,15 @@ class SamplingSettings(SolverPart[Sampling]):
     model_config = with_examples({"half_width": 0.02, "confidence": 0.95, "max_samples": 16384, "seed": 7})
 
     half_width: Annotated[Num, Field(ge=1e-4, le=0.5)] = SAMPLING.half_width
-    """Sampling ends when no confidence interval of a probability, cut off at 0 and 1, has a larger half width. [1]"""
+    """Sampling ends when the confidence interval of every probability, cut off at 0 and 1, has at most this half width.
+    [1]"""
     confidence: Annotated[Num, Field(ge=0.5, le=0.9999)] = SAMPLING.confidence
     """Confidence level of every interval. [1]"""
     max_samples: Annotated[Count, Field(ge=FEWEST_SAMPLES, le=MOST_SAMPLES_OF_A_REQUEST), WHOLE] = SAMPLING.max_samples
     """Largest number of searches or runs. With `sensitivity` it must be at least 256, plus the number of searches that
     change a single input: two for each continuous input, one for each discrete value."""
     seed: Annotated[Count, Field(ge=0, le=2**53), WHOLE] = SAMPLING.seed
-    """Seed of the samples. Sample i of a seed is always the same."""
+    """Seed of the samples; the same seed always gives the same samples."""
     method: SamplingMethod = SamplingMethod.AUTO
     """Method of estimation. `auto` uses a surrogate if it passes its check and gives narrower intervals; `direct` uses
     none."""
@@ -142,7 +143,7 @@ class UncertainCase(Case):
 
     @abstractmethod
     def study(self) -> Any:
-        """Return the study of the solver.
+        """Convert the request to a study of the solver.
 
         Raises
         ------
@@ -152,7 +153,7 @@ class UncertainCase(Case):
 
     @property
     def central(self) -> Case:
-        """Case that the samples vary."""
+        """Case around which the samples vary."""
         shared = self.sample_model.model_fields.keys() & type(self).model_fields.keys()
         # The parts have already been validated as parts of this request.
         return self.sample_model.model_construct(**{name: getattr(self, name) for name in shared})
@@ -188,7 +189,7 @@ class CriticalAngleUncertaintyRequest(UncertainCase):
         return without_shots(self, self.model_dump(mode="json", include=names))
 
     def study(self) -> AngleStudy:
-        """Return the study of the solver.
+        """Convert the request to a study of the solver.
 
         Raises
         ------
@@ -230,7 +231,7 @@ class TrajectoryUncertaintyRequest(UncertainCase):
         return without_shots(self, self.model_dump(mode="json", include=names) | {"output": {"history": False}})
 
     def study(self) -> TrajectoryStudy:
-        """Return the study of the solver.
+        """Convert the request to a study of the solver.
 
         Raises
         ------

@@ -24,7 +24,7 @@ QUESTIONS = ("perforation", "scabbing")
 
 
 class WallRequest(Case):
-    """A strike on a wall. Without `target.thickness_m` the answer has the design values only."""
+    """A strike on a wall. Without `target.thickness_m` the answer has design values and limits, but no outcome."""
 
     model_config = with_examples(PAPER_AT_45, PAPER_AT_45 | {"target": PAPER["target"] | {"thickness_m": 0.45}})
 
@@ -80,14 +80,14 @@ class NormalImpactDesign(Part):
 class WallDesign(Part):
     """Design of a wall against perforation and scabbing.
 
-    Formulas use the component of the velocity along the normal of an oblique strike.
+    For an oblique strike, the formulas use the component of the velocity along the normal.
     """
 
     model_config = with_examples(WALL)
 
     enough: Flag | MISSING = MISSING
-    """True if the wall is thick enough against both. Absent if it is not too thin against either, but no formula is
-    within its range for one of them."""
+    """True if the wall is thick enough against both. Absent without a thickness, and for a wall that is not too thin
+    against either if no formula is within its range for one of them."""
     perforation: WallQuestion
     """Design against perforation, in which the body passes through the wall."""
     scabbing: WallQuestion

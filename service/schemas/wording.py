@@ -8,7 +8,7 @@ from solver.units import WHOLE_DIGITS, Amount, number, whole_number
 UNKNOWN = "extra_forbidden"
 """Type of pydantic's error for an unknown field."""
 LONGEST_SHOWN = 40
-"""Largest number of characters of a text, and of digits of a number, that a message quotes: about half a line."""
+"""Largest number of characters of a string, and of digits of a number, that a message quotes: about half a line."""
 DIGITS = 12
 """Largest number of significant digits of a number that a message quotes. [1]"""
 PHRASES = {
@@ -37,14 +37,15 @@ BOUNDS = {
     "less_than": ("less than", "lt"),
     "less_than_equal": ("less than or equal to", "le"),
 }
-"""Words for a bound by the type of pydantic's error for a number outside it, with the name of the bound there."""
+"""Words for a bound and its name in the context of a pydantic error, keyed by the type of the error."""
 LENGTHS = {
     "too_short": ("at least", "min_length", "item"),
     "too_long": ("at most", "max_length", "item"),
     "string_too_short": ("at least", "min_length", "character"),
     "string_too_long": ("at most", "max_length", "character"),
 }
-"""Words for a bound of a length by the type of pydantic's error, the name of the bound there, and what it counts."""
+"""Words for a bound on a length, its name in the context of a pydantic error, and the noun for the items that it
+counts, keyed by the type of the error."""
 
 
 def worded(error: Mapping[str, Any], unit: str = "") -> str:
@@ -53,14 +54,14 @@ def worded(error: Mapping[str, Any], unit: str = "") -> str:
     Parameters
     ----------
     unit
-        SI unit in which texts show the value and its bounds.
+        SI unit of the value and its bounds in the message.
     """
     condition, *amounts = out_of_bounds(error, unit) or (_worded(error),)
     return condition.format(*amounts) if amounts else condition
 
 
 def _worded(error: Mapping[str, Any]) -> str:
-    """Return the message for an error that no bound is part of."""
+    """Return the message for any error other than a number outside its bounds."""
     kind, text = str(error["type"]), str(error["msg"]).removeprefix("Value error, ")
     if kind in PHRASES:
         return PHRASES[kind]
@@ -78,7 +79,7 @@ def _worded(error: Mapping[str, Any]) -> str:
 
 
 def _length_worded(error: Mapping[str, Any]) -> str:
-    """Return the message for a list or a text that is too long or too short."""
+    """Return the message for a list or a string that is too long or too short."""
     words, name, items = LENGTHS[error["type"]]
     bound = error["ctx"][name]
     found = f", got {whole_number(len(error['input']))}" if isinstance(error["input"], Sized) else ""
@@ -86,16 +87,16 @@ def _length_worded(error: Mapping[str, Any]) -> str:
 
 
 def out_of_bounds(error: Mapping[str, Any], unit: str) -> tuple[str, *tuple[Amount, ...]] | None:
-    """Return the condition and amounts of a `ParameterError` for a number outside a bound; None for another error.
+    """Return the condition and amounts of a `ParameterError` for a number outside a bound; None for any other error.
 
     Parameters
     ----------
     unit
-        SI unit in which texts show the number.
+        SI unit of the number in the message.
     """
     words, name = BOUNDS.get(error["type"], ("", ""))
     value = error["input"]
-    if not words or isinstance(value, str):  # A text is the value of a query parameter.
+    if not words or isinstance(value, str):  # A string comes from a query parameter.
         return None
     bound = error["ctx"][name]
     # The bounds of counts may have more digits than those of quantities, and are shown with all of them.
@@ -122,7 +123,7 @@ def shown(value: Any) -> str:
     if value is None or isinstance(value, bool):
         return {None: "null", True: "true", False: "false"}[value]
     if isinstance(value, float):
-        return number(value, "", DIGITS)  # A bound has no more digits, and 95.0 becomes 95 as there.
+        return number(value, "", DIGITS)  # Bounds are written with as many digits, and 95.0 is shown as 95 there too.
     if isinstance(value, int):
         long = abs(value) >= 10**LONGEST_SHOWN
         return f"a number of {len(str(abs(value)))} digits" if long else whole_number(value)
