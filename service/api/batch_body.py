@@ -70,8 +70,8 @@ class BatchBody:
     count: int = 0
     sweep: StoredSweep | None = None
     estimate: Callable[[], int] = lambda: 0
-    """Function that extrapolates the number of cases of a JSONL body from the lines read; returns 0 without a
-    length."""
+    """Function that extrapolates the number of cases of a JSONL body from the lines read; returns 0 if the body has
+    no declared length."""
 
     def digest(self) -> str:
         """Return the hash of the path, the media type and the body. It is complete only when the body has been read."""
@@ -166,8 +166,7 @@ class BatchReader:
         for number, content in enumerate(part, first):
             place, longest = f"/cases/{number}", self._limits.max_body_bytes
             try:
-                # Each case must keep within the limit on the body of a single query, so that a batch is no way around
-                # it.
+                # Each case must keep within the limit on the body of a single query, which a batch must not circumvent.
                 if len(to_json(content)) > longest:
                     detail = f"a case may be {whole_number(longest)} bytes long at most"
                     errors[number] = [{"pointer": place, "detail": detail}]

@@ -40,7 +40,7 @@ MAX_BATCH_FIELDS = 100_000
 """Largest number of fields in a JSON batch, five times as many as 1,000 usual cases have. Parsing 100,000 takes some
 20 ms, in a thread."""
 MAX_SERIES_FIELDS = 25_000
-"""Largest number of fields in a calibration or a sweep. A thousand tests of eight fields have 8,000."""
+"""Largest number of fields in a calibration or a sweep. A thousand tests of five fields have 5,000."""
 MAX_SERIES_VALUES = 250_000
 """Largest number of list items and fields in a batch, a calibration or a sweep. An axis of a sweep may have 100,000
 values; a calibration to 20 runs with four columns of 3,000 rows has 240,000. Parsing and validating 250,000 takes some

@@ -1,6 +1,7 @@
 """Examples of answers in the contract: the answer to the first example of each request, except for studies.
 
-`python -m service.api.examples` computes them and writes `examples.json`; a test compares the file with a service.
+`python -m service.api.examples` computes them and writes `examples.json`; a test compares the file with the answers of
+a service.
 """
 
 import json

@@ -242,7 +242,7 @@ class ParquetTable:
     Parameters
     ----------
     path
-        Path of the file.
+        Location of the file to write.
     job
         Job whose operation determines the columns and whose engine version goes into the metadata.
     sweep
