@@ -352,7 +352,7 @@ async def closing(content: AsyncIterator[bytes], source: AsyncGenerator[Any, Non
 
 
 def retry_after(state: JobState, jobs: JobManager) -> dict[str, str]:
-    """Return the `Retry-After` header for a job, its estimated remaining time up to `LONGEST_RETRY`."""
+    """Return the `Retry-After` header for a job: its estimated remaining time, at most `LONGEST_RETRY`."""
     return {"Retry-After": str(min(LONGEST_RETRY, jobs.seconds_until_done(state)))}
 
 

@@ -169,7 +169,7 @@ class AxisError(Exception):
     Parameters
     ----------
     pointer
-        JSON pointer to the axis or its field.
+        JSON pointer to the axes, or to the field of one of them.
     detail
         Description of the error.
     """

@@ -46,7 +46,7 @@ ANGLE_STUDY = (
 STRIKE_STUDY = {"outcomes": [{"outcome": "ricochet"} | ESTIMATE], "maximum_depth_m": []} | SAMPLED | VERSIONED
 
 TABLED = ("samples", "samples_failed", "samples_outside", "converged")
-"""Last columns of the tables of both answers."""
+"""Last columns of the tables of both kinds of study."""
 
 
 class EstimateAnswer(Part):
@@ -127,7 +127,7 @@ class SwingAnswer(Part):
 
 
 class AfterShotsAnswer(Part):
-    """Expected range of the critical angle after the user's own shots into the concrete."""
+    """Expected range of the critical angle after a number of further shots into the same concrete."""
 
     model_config = with_examples(AFTER_SHOT)
 
@@ -154,7 +154,7 @@ class SensitivityAnswer(Part):
     """Total Sobol index: share of the variance that the input explains alone and through its interactions. [1]"""
     swing: list[SwingAnswer]
     after_shots: Annotated[list[AfterShotsAnswer] | MISSING, Of(lambda found: found.after_shots or None)] = MISSING
-    """Expected range of the angle after one and after three shots of the user, given for a
+    """Expected range of the angle after one and after three further shots into the same concrete, given for a
     `resistance.strength_residual` with a `lognormal` or `log_student_t` distribution."""
 
 

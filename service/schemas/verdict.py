@@ -144,7 +144,7 @@ class LikelyAngles(Part):
 
 
 class ProbabilityInterval(Part):
-    """95 % confidence interval of a probability, given the number of samples."""
+    """95 % confidence interval of a probability that is estimated from samples."""
 
     model_config = with_examples(VERDICT["ricochet_probability_interval"])
 

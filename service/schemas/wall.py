@@ -59,8 +59,8 @@ class WallQuestion(Part):
     """Largest limit thickness of the formulas within their range, without a margin. [m]"""
     design_m: Num | MISSING = MISSING
     """Design thickness: the limit times 1.2 for perforation and times 1.1 for scabbing (DOE-STD-3014-2006). For
-    perforation it is at least the thickness at which the projectile, in the model with a plug and a crater, does not
-    protrude from the rear face. [m]"""
+    perforation it is at least the thickness at which the projectile does not protrude from the rear face in the model,
+    both with the resistance of the request and with a plug and a crater. [m]"""
     formula: str | MISSING = MISSING
     """Formula that determines the design thickness; `this_model` if the model requires a thicker wall than the formulas
     with their margins."""
