@@ -400,7 +400,7 @@ class FolderLayoutError(UnusableFolderError):
 
 
 class DamagedFileError(Exception):
-    """The content of a file differs from what was written."""
+    """The content of a file differs from what was written, or was written by another version."""
 
 
 class MissingExtraError(Exception):

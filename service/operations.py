@@ -167,7 +167,8 @@ class Many:
 class ToolText(NamedTuple):
     """A tool of the Model Context Protocol.
 
-    Operations with the same name form one tool, whose arguments hold the request in the `field` of one operation.
+    Operations whose tools have the same `name` share one tool. Each takes its request from the argument named by its
+    `field`; if that is empty, the arguments themselves are the request.
     """
 
     name: str
@@ -407,7 +408,7 @@ class StudyOperation:
     answer: Callable[[Any], dict[str, Any]]
 
     def sampler(self, request: Any) -> Callable[[Sequence[Any]], KeyedRequest | None]:
-        """Return a function from the values of a sample to its request; None outside the accepted range."""
+        """Return a function from the values of a sample to its request, or to None if they are not accepted."""
         model, base, fields = request.sample_model, request.base, [each.field for each in request.uncertain]
 
         def sample(point: Sequence[Any]) -> KeyedRequest | None:
@@ -814,7 +815,7 @@ def is_study(operation: str) -> bool:
 def study_of(operation: str) -> StudyOperation:
     """Return the sampling of a study of uncertainty."""
     study = OPERATIONS[operation].study
-    assert study is not None  # noqa: S101 (one of these)
+    assert study is not None  # noqa: S101 (called only for studies)
     return study
 
 

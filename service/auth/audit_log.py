@@ -29,7 +29,7 @@ class AuditLog:
     Parameters
     ----------
     path
-        Path of the file; None for standard error.
+        File to append to; None for standard error.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -37,7 +37,7 @@ class AuditLog:
         self._log = logging.Logger("ricochet.audit")  # noqa: LOG001 (each application has its own)
 
     def open(self) -> None:
-        """Open the file.
+        """Open the file, or use standard error if there is none.
 
         Raises
         ------
@@ -60,7 +60,7 @@ class AuditLog:
             "event": "audit",
             "timestamp": datetime.now(UTC).isoformat(),
             "request_id": get_contextvars().get("request_id"),
-            # Without a valid key the owner is the default `local`, which did not send the request.
+            # A request without a valid key has the owner `local` by default, who did not send it.
             "owner": principal.owner if status != 401 else None,
             "key": principal.key.id if principal.key else None,
             "client": client[0] if client else None,

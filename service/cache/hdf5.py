@@ -7,7 +7,7 @@ A file of results describes itself:
     answers       answers as JSON without the histories, or problems of cases without a result
     iterations/   all trials of the searches
     history/      motions over time
-    residuals/    data, predictions and residuals of calibrations
+    residuals/    residuals of calibrations, curves and quantiles of studies of uncertainty, or results of formulas
 
 Texts are declared as UTF-8. Numbers are arrays with their unit in the attribute `units`.
 """
@@ -97,7 +97,7 @@ class BatchFile:
     Parameters
     ----------
     path
-        Path of the file.
+        File to write; an existing file is replaced.
     operation
         Operation of all cases.
     axes
@@ -218,9 +218,9 @@ class GrowingTable:
     Parameters
     ----------
     file
-        File of the group.
+        Open file in which the group is created.
     name
-        Name of the group.
+        Name of the group, a key of `DESCRIPTIONS`.
     columns
         Units and descriptions of the columns.
     """
@@ -276,9 +276,9 @@ class GrowingText:
     Parameters
     ----------
     file
-        File of the dataset.
+        Open file in which the dataset is created.
     name
-        Name of the dataset.
+        Name of the dataset, a key of `DESCRIPTIONS`.
     folder
         Folder of the temporary file with the lines; None for the system's folder of temporary files.
     """

@@ -279,7 +279,7 @@ class CalibrationBody(RequestBody):
         return f"{self.data_file}: {pointer[1:].replace('/', '.')}: {detail}"
 
     def explain(self, error: RefusedError) -> CommandError:
-        """Return an error that names flags and files. Data that cannot be fitted give exit status 1, other errors 2."""
+        """Return an error that names flags and files, with exit status 1 instead of 2 if the data cannot be fitted."""
         found = super().explain(error)
         if any(each["pointer"] in NOT_FITTED for each in error.errors):
             found.status = FAILED

@@ -76,7 +76,7 @@ class Column(NamedTuple):
     Parameters
     ----------
     header
-        Header as typed, with the unit from a second line.
+        Header as typed; if a second line has the unit, it follows in brackets.
     steps
         Path of the field; empty if the column is only copied to the output.
     factor

@@ -21,8 +21,8 @@ API_KEY = "RICOCHET_API_KEY"
 TIMEOUT = httpx.Timeout(120.0, connect=10.0)
 """Timeouts of a request [s], above the limits of a single query: 30 s in the queue and 60 s of computation."""
 RETRY_PAUSES = (1.0, 2.0, 4.0, 8.0, 10.0, 10.0, 10.0)
-"""Backoff before a request is repeated after a lost connection, 45 s in all: a restart of the service takes seconds, or
-a minute if the solver has to be compiled. [s]"""
+"""Backoff before a request is repeated after a lost connection. [s] The 45 s in all are enough for a restart of the
+service, which takes seconds, unless it has to compile the solver, which takes about a minute."""
 LONGEST_PAUSE = 60.0
 """Longest `Retry-After` that is obeyed, so that a wrong value cannot stop the command for hours. [s]"""
 BUSY = frozenset({429, 503})

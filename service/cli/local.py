@@ -20,7 +20,7 @@ def is_small(operation: str, count: int) -> bool:
     """Return True if `count` cases are few enough to be computed in this process."""
     from service.operations import OPERATIONS
 
-    # Studies take long, and their progress is shown by a service only.
+    # Studies take long, and only a service computes several of them at the same time.
     return OPERATIONS[operation].study is None and count * OPERATIONS[operation].weight <= SMALL_CASES
 
 

@@ -125,7 +125,10 @@ class Server(uvicorn.Server):
             self._on_start(address[1] if isinstance(address, tuple) else None)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Tell the application to end its event streams, which would otherwise stay open, and stop the server."""
+        """Stop the server once the application has ended its event streams and answered its requests.
+
+        Event streams would otherwise stay open. Requests unfinished `REFUSAL_SECONDS` before the timeout are refused.
+        """
         services, seconds = self._app.state.services, self.config.timeout_graceful_shutdown or 0
         services.stopping.set()
         asyncio.get_running_loop().call_later(seconds - REFUSAL_SECONDS, services.ending.set_result, None)

@@ -140,7 +140,7 @@ class Idempotency:
 
     @property
     def whole_digest(self) -> str:
-        """Digest of the whole body, which must have been read."""
+        """Hash of path and body. The whole body must have been read."""
         return self.digest if isinstance(self.digest, str) else self.digest()
 
 
@@ -193,7 +193,7 @@ class JobState:
     def is_study(self) -> bool:
         """True if the job is one study of uncertainty, whose samples are computed and stored like cases.
 
-        A sweep, and a batch of several studies, has a study as each of its cases, which a worker computes as a whole.
+        In a sweep, and in a batch of several studies, each case is a study, which a worker computes as a whole.
         """
         return is_study(self.operation) and not self.axes and self.total == 1
 
@@ -228,9 +228,10 @@ class CaseRow(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class CaseBlock:
-    """Stored block of cases in order: concatenated keys, and canonical requests as compressed lines of JSON.
+    """Stored block of cases in order: keys, canonical requests and, if any case has one, the `custom_id` of each case.
 
-    Requests of a batch are similar. Compressed together, they take some 15 bytes per case instead of 800.
+    Keys are concatenated; requests are compressed lines of JSON, and ids a compressed list. Requests of a batch are
+    similar: compressed together, they take some 15 bytes per case instead of 800.
     """
 
     keys: bytes

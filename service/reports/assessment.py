@@ -389,7 +389,7 @@ LAW_LIMITS: Final[Mapping[str, Callable[[Numbers, Assessed], list[Limit]]]] = {
 def _warnings(strike: Assessed) -> list[tuple[tuple[str, str, str], bool]]:
     """Return the warnings of the verdict, and warnings with further codes from the other answers.
 
-    Each item is the code, the text and the label of the answer, and True if most answers have this warning.
+    Each item holds the code, the text and the label of the answer, and True for a standing note.
     """
     of_strike = {each["detail"] for each in (_answered(strike, "judged") or {}).get("warnings", ())}
     of_search = {each["detail"] for each in strike.answers["cra"]["warnings"]}

@@ -17,7 +17,7 @@ from solver.projectile import Projectile
 from solver.units import quantity, shown_unit, symbol
 
 SNAPSHOTS = 4
-"""Outlines of the projectile drawn for each run; a rough choice: more would cover each other in a view of this size."""
+"""Number of outlines of the projectile in the view of a run. A rough choice: more would cover each other."""
 LEAST_WIDTH = 0.8
 """Smallest width of a view relative to the widest one [1], which leaves room for its title."""
 Frame: TypeAlias = tuple[float, float, float, float]
@@ -64,7 +64,7 @@ def sketch(projectile: Projectile, *, oblique_deg: float, attack_deg: float, thi
     body, length = silhouette(projectile), projectile.length
     lateral = -body[:, 0] * math.sin(axis) + body[:, 1] * math.cos(axis)
     depth = -body[:, 0] * math.cos(axis) - body[:, 1] * math.sin(axis)
-    # At first contact the lowest point lies in the face; with a large angle it is an edge rather than the tip.
+    # At first contact the lowest point touches the face; with a large angle it is an edge rather than the tip.
     depth -= max(depth.max(), 0.0)
     below = 0.6 * length if thickness is None else min(max(1.2 * thickness, 0.45 * length), 1.2 * length)
     side = 0.12 * length

@@ -29,14 +29,14 @@ def lookup(content: Any, pointer: str) -> Any:
 
 
 class Numbers:
-    """Formatter of numbers from answers. Attributes in the HTML hold the pointer and all digits of each number.
+    """Formatter of numbers for the report. Attributes in the HTML hold the pointer and all digits of each number.
 
     Callers name SI units, such as ``mm``; numbers are shown in the system of units that `solver.units` has in use.
 
     Parameters
     ----------
     content
-        Answers by name.
+        Answers by name, and the inputs of the case under `case` and `assumed`.
     """
 
     def __init__(self, content: Mapping[str, Any]) -> None:
