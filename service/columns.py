@@ -42,7 +42,7 @@ def unit_of(name: str) -> str:
 
 
 BY_END = {"_m": "mm", "_pa": "MPa"}
-"""SI unit in which texts show quantities, by the end of their names; others have the unit of the contract."""
+"""SI unit in which texts show quantities, by the suffix of their names; others have the unit of the contract."""
 OTHER_UNITS = {
     "projectile.nose.points": "mm",
     "target.youngs_modulus_pa": "GPa",
@@ -50,7 +50,7 @@ OTHER_UNITS = {
     "flight.height_m": "m",
     "numerics.retention_energy_fraction": "%",
 }
-"""SI units of the quantities for which neither the end of the name nor the contract gives the unit of texts."""
+"""Exceptions from `BY_END` and from the units of the contract: SI unit in which texts show a quantity, by its path."""
 
 
 def shown_in(name: str) -> str:
@@ -240,8 +240,8 @@ def batch_row(columns: Iterable[Column], item: Mapping[str, Any], point: tuple[f
 
 
 FORMULA = re.compile("[=+\\-@\t\r\n\uff1d\uff0b\uff0d\uff20]")
-"""Pattern of the first character of a cell that a spreadsheet evaluates as a formula: a sign, its full-width form, or
-white space, which a spreadsheet skips before a sign."""
+"""Pattern of the first character of a cell that a spreadsheet evaluates as a formula: one of `=+-@`, its full-width
+form, or white space, which a spreadsheet skips before them."""
 SIGNED_NUMBER = re.compile(r"[+-]\d+(\.\d*)?([eE][+-]?\d+)?", re.ASCII)
 """Pattern of a signed number, which a spreadsheet does not take for a formula."""
 

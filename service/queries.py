@@ -282,7 +282,7 @@ class QueryService:
         cases
             Cases with different keys, none of which is in flight.
         owner
-            Owner whose turn in the queue the chunk takes.
+            Owner whose share of the workers the chunk counts against.
         remaining
             Cost of the unfinished part of the job. [ordinary cases]
         begun
@@ -450,7 +450,7 @@ class Chunk(NamedTuple):
     Parameters
     ----------
     answers
-        Futures of the answers, keyed by result; all of them are done.
+        Futures of the answers, keyed by the key of the result; all of them are done.
     seconds
         Time that each case took in its worker; empty if no worker has computed the chunk. [s]
     nbytes

@@ -243,7 +243,7 @@ class ResultCache:
                     self._index.drop(names)
 
     def verify(self) -> list[str]:
-        """Read every segment, add missing ones to the index, and set damaged ones aside; return the damaged names."""
+        """Read every segment, add missing ones to the index, and set damaged ones aside, whose names are returned."""
         return [name for name in sorted(self._segments.names()) if not self._adopt(name)]
 
     def rebuild(self) -> None:

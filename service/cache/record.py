@@ -144,7 +144,8 @@ class Record:
         Parameters
         ----------
         exact
-            Copy the texts into memory of their exact length. Bytes from orjson occupy its whole buffer, 4 kB for 100.
+            Copy the texts into memory of their exact length. Bytes from orjson occupy its whole buffer, which takes
+            4 kB for a text of 100 bytes.
         """
         record = Record(
             self.key,

@@ -153,7 +153,7 @@ def _stacked(motions: Sequence[Mapping[str, list[Any]]]) -> dict[str, list[Any]]
 def residual_table(records: Sequence[Record | None], first: int) -> Table:
     """Return the detailed tables of records with their rows in the summary; empty if none has one.
 
-    All records are of one operation, whose tables have the same columns, unless there is only one of them.
+    Several records must be of one operation, whose tables have the same columns.
     """
     found = [
         (row, columns) for row, record in enumerate(records, first) if record and (columns := residuals_of(record))

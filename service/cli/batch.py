@@ -201,7 +201,7 @@ def _cases_of_table(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
 def _described(
     table: "CaseTable", errors: Mapping[int, Sequence[Mapping[str, str]]], base: RequestBody
 ) -> Iterator[str]:
-    """Yield the errors of a table and of the file of `--case`. Fields that no column sets are reported once."""
+    """Yield the errors of a table and of the file of `--case`. Missing fields without a column are reported once."""
     missing = {each["pointer"] for found in errors.values() for each in found if each["detail"] == MISSING}
     everywhere = {pointer for pointer in missing if not table.gives(pointer)}
     for pointer in sorted(everywhere):

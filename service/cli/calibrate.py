@@ -171,7 +171,7 @@ distribution = {{ type = "log_student_t", median = 1.0, {spread}, lower = {lower
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Input:
-    """A history and its impact as fields of a request, and the request body without histories."""
+    """A named history and its impact, as fields of a request, and the request body without histories."""
 
     name: str
     impact: dict[str, Any]

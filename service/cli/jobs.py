@@ -204,7 +204,7 @@ def kept_rows(args: argparse.Namespace, stream: TextIO, counts: Counts, total: i
 
 
 def report_counts(args: argparse.Namespace, counts: Counts) -> None:
-    """Print the number of results on standard error, unless all were written to a pipe without a problem."""
+    """Print the number of results on standard error, unless they were piped or redirected and none is a problem."""
     if args.output or counts.failed or sys.stdout.isatty():
         print(counts, file=sys.stderr)
 
@@ -253,7 +253,7 @@ def follow(
         base = asked["base"] if "axes" in asked else None
         writers.insert(0, writer_for(args, stream, job["operation"], base, inputs))
     if args.parquet:
-        # A service without Parquet thus refuses the output before the computation rather than after it.
+        # A service that cannot write Parquet refuses this request at once, rather than the one after the computation.
         client.parquet(job["id"], limit=1)
     with kept_rows(args, stream, counts, job["counts"]["total"]):
         try:

@@ -211,7 +211,7 @@ def run_mcp(args: argparse.Namespace) -> int:
 
 
 async def serve_until_terminated(client: "Client") -> bool:
-    """Serve the tools, and return True if SIGTERM ended that.
+    """Serve the tools until standard input ends or SIGTERM arrives; return True for SIGTERM.
 
     The event loop receives the signal. A handler that raises SystemExit could interrupt any callback of the loop, which
     would then end with a traceback.

@@ -33,8 +33,8 @@ EXPIRY_SECONDS = 3600.0
 REOPEN_SECONDS = 5.0
 """Interval between attempts to load jobs that could not be read at the start, chosen by judgement. [s]"""
 CHECKPOINT_SECONDS = 5.0
-"""Interval between checkpoints, each of which takes some milliseconds [s]. A damaged log loses the progress of about
-this time."""
+"""Interval between checkpoints, each of which takes some milliseconds [s]. If the log is damaged, the progress of about
+one interval is lost."""
 CHANGE_SECONDS = 0.2
 """Shortest interval between events of a job [s]. Five updates a second look continuous to a person."""
 OWNER = "local"
@@ -118,7 +118,7 @@ class JobManager:
         return self._rate.per_second
 
     def jobs_ahead(self, state: JobState) -> int:
-        """Number of jobs of the same owner that are computed before a job."""
+        """Return the number of jobs of the same owner that are computed before a job."""
         return len(self._scheduler.ahead(state))
 
     def seconds_until_done(self, state: JobState) -> int:

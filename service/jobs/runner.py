@@ -162,7 +162,7 @@ class Run:
         return [next(iter(self.cases[self.waiting.popleft()].values())) for _ in range(size)]
 
     def samples(self, key: str) -> int:
-        """Return the number of samples as which each case with a key counts."""
+        """Return the number of samples that each case with a key counts as."""
         return self.operation.samples(next(iter(self.cases[key].values())).request.json)
 
     def results(self, key: str, record: Record | None, error: Exception | None, *, own: bool) -> list[CaseResult]:
@@ -313,7 +313,7 @@ class CaseRunner:
             run.group.start_soon(self._run_chunk, run)
 
     async def _run_chunk(self, run: Run) -> None:
-        """Prepare and compute the next chunk, and begin another one as soon as `Run.may_begin` allows."""
+        """Prepare and compute the next chunk, and begin the chunk after it as soon as `Run.may_begin` allows."""
         run.underway += 1
         self.job_chunks += not run.urgent
         token = object()

@@ -50,7 +50,7 @@ class ActiveJob:
     queue: str
     """Owner whose share of the workers the cases count against."""
     samples: int = 1
-    """Number as which each case counts: for studies, the largest number of samples of the first."""
+    """Number that each case counts as: 1 or, for studies, the largest number of samples of the first one."""
     ended: Callable[[JobState], object] = lambda _: None
     """Function called once, with the final state."""
     scope: CancelScope = field(default_factory=CancelScope)
@@ -64,7 +64,7 @@ class ActiveJob:
     def left(self) -> int:
         """Number of unfinished cases or, for studies, of samples that they may still take.
 
-        It is 0 before the first report of a job of one study.
+        For a job of one study it is 0 until the first report of its progress.
         """
         if self.state.is_study:
             progress = self.state.progress or {"max_samples": 0, "samples": 0}
@@ -149,7 +149,10 @@ class Scheduler:
         self._begin_jobs(job.queue)
 
     def ahead(self, state: JobState) -> list[ActiveJob]:
-        """Return the owner's jobs that are computed before a job: those with fewer cases left, or as many and older."""
+        """Return the jobs of the same owner that are computed before a job.
+
+        They have fewer cases left, or as many and are older.
+        """
         own = self.active.get(state.id)
         if own is None:
             return []
@@ -173,7 +176,7 @@ class Scheduler:
         return mine + sum(min(mine, theirs) for theirs in others.values())
 
     async def stop(self) -> None:
-        """Cancel the running jobs, which the next start continues."""
+        """Interrupt the running jobs. They resume at the next start."""
         self._stopping = True
         await asyncio.gather(*(self.halt(job) for job in self.active.values()))
         for job in self.active.values():

@@ -339,8 +339,8 @@ class JobStore:
         operation = self._jobs("number = ?", job)[0].operation
         with self._database.reading() as database:
             numbers = database.execute("SELECT slice FROM slices WHERE job = ?", (job,)).fetchall()
-        # One transaction per block, so that other jobs are not held up. If the service crashes in between, the job
-        # still has its earlier versions, and all its keys are replaced after the restart.
+        # Each block has its own transaction, so that other jobs are not held up. If the service crashes in between, the
+        # job still has its earlier versions, and all its keys are replaced after the restart.
         for (number,) in numbers:
             with self._database.reading() as database:
                 requests = _requests_of(database, job, number)

@@ -29,7 +29,7 @@ OTHER_FORMATS = (
     ),
     (re.compile(rb"(?s)\s*\*{20,}+.{,200}LEGAL NOTICES"), "LS-DYNA's d3hsp, the log of a run; {motion}"),
 )
-"""Formats that users pass by mistake as a file of tests or of a motion: pattern of the first bytes, and the advice.
+"""Formats of files that users pass by mistake instead of tests or a motion: pattern of the first bytes, and advice.
 
 Quantifiers are possessive or bounded where backtracking could be slow.
 """

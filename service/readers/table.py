@@ -140,8 +140,8 @@ NUMBERED = re.compile(r"#[^\s,;\t]+(?=([,;\t]))")
 MAX_NAMES = 20
 """Largest number of column names listed in an error, which should stay readable (a rough choice)."""
 MAX_COLUMNS = 10_000
-"""Largest number of columns. The time grows with the columns, as each is compared with the names of all quantities in
-all units (the number is a rough choice)."""
+"""Largest number of columns, a rough choice. Each column takes time, as it is compared with the names of all quantities
+in all units."""
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?")
 BLANKS = re.compile(r"(?<![ \t])[ \t]++(?![\[(])")
 """Blanks between two cells, unless a unit in brackets follows. The pattern matches a whole run possessively, since the

@@ -316,7 +316,7 @@ def _limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
 
 
 def _no_limits(_: Numbers, __: Assessed) -> list[Limit]:
-    """Return no limits, for laws without any beyond those that `_limits` lists for all laws."""
+    """Return an empty list, for laws that add no limits to those that `_limits` lists for all laws."""
     return []
 
 

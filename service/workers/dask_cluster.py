@@ -80,7 +80,7 @@ class WorkerPlugin(Plugin):
             self._pool.run([(answer, (message,)) for message in messages])
         )
         try:
-            return await running  # A Dask worker that closes cancels this, and the chunk then runs on another one.
+            return await running  # A Dask worker that closes cancels this, and the chunk is then sent again.
         finally:
             del self._running[key]
 

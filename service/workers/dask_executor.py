@@ -29,7 +29,7 @@ LOSSES = 5
 judgement: an unstable network should not keep a job from ending."""
 PAUSE_SECONDS = 0.1
 """Unit of the backoff after the loss of a chunk [s]. After the nth loss of a chunk, the task that sent it waits for 2^n
-times this value before it sends another one. Chosen by judgement."""
+times this value before it sends another chunk. Chosen by judgement."""
 PATIENCE_SECONDS = 5.0
 """Time that chunks wait for a lost cluster before the pool takes them. Most restarts of a scheduler take less. [s]"""
 CANCEL_SECONDS = 1.0

@@ -157,7 +157,7 @@ class Executor(ABC):
         owner, cost, begun
             As for `submit`. By default each call costs one ordinary case.
         remaining
-            Cost of the rest of the job, if the chunk is part of one. [ordinary cases]
+            Cost of the unfinished part of the job, if the chunk belongs to one. [ordinary cases]
 
         Raises
         ------

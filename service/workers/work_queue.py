@@ -181,12 +181,15 @@ class WorkQueue:
             return work
 
     def hand_out(self) -> None:
-        """Give waiting work to waiting servers. Must be called when the result of an `accepts` may have changed."""
+        """Give waiting work to waiting servers. Must be called when an `accepts` function changes its result."""
         while (self._probes or self._lines) and self._hand_out_one():
             pass
 
     def _hand_out_one(self) -> bool:
-        """Give one item to a server, preferring workers with most servers idle; return False if no server takes one."""
+        """Give one item to a server; return False if no server takes one.
+
+        Servers of the worker with the largest fraction of idle servers come first.
+        """
         free = Counter(server.worker for server in self._servers.values())
         by_room = sorted(self._servers.items(), key=lambda item: -free[item[1].worker] / item[1].places)
         for turn, server in by_room:
@@ -206,7 +209,7 @@ class WorkQueue:
         self._chunks.pop(work, None)
 
     def make_room(self, owner: str, error: Exception) -> bool:
-        """Evict the newest single call of the owner with the most, if `owner` would have fewer even with one more.
+        """Evict the newest single call of the owner with the most of them, if `owner` has at least two fewer.
 
         Only calls in the queue count. Return True if a call was evicted; the evicted call fails with `error`.
         """
