@@ -4,11 +4,11 @@
 
 `usual`: 200 strikes against searches with converged settings; angles must agree within 0.02°. `odd`: 300 strikes far
 outside the usual range against scans, a fine trajectory every 0.5°; the status must agree, and each change of outcome
-lie in its cell of the scan. `walls`: 200 usual strikes on walls of 0.5 to 5 diameters against such scans; the outcome
-at each angle must match the interval in the answer. `routes`: 3,000 strikes of every kind by both numerical methods,
-see `validation/routes.py`. Disagreements are printed with inputs and warnings. Exits with 1 if a case fails, if status
-or angle of a usual strike disagree, if more than 1 % of the others disagree or one of them without a warning, if the
-methods differ for no known reason, or if a combination did not occur.
+must lie in its cell of the scan. `walls`: 200 usual strikes on walls of 0.5 to 5 diameters against such scans; the
+outcome at each angle must match the interval in the answer. `routes`: 3,000 strikes of every kind by both numerical
+methods, see `validation/routes.py`. Disagreements are printed with inputs and warnings. Exits with 1 if a case fails,
+if status or angle of a usual strike disagree, if more than 1 % of the others disagree or one does so without a warning,
+if the methods differ for no known reason, or if a combination did not occur.
 """
 
 import argparse
@@ -79,7 +79,7 @@ class Comparison:
 
     @property
     def disagreement(self) -> str:
-        """Description of the disagreement; empty if there is none."""
+        """Kind of disagreement; empty if there is none."""
         if "Error" in self.status + self.reference_status:
             return "error"
         if self.status != self.reference_status:

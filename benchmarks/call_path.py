@@ -46,7 +46,7 @@ class Recorder:
         self._on = False
 
     def profile(self, frame: FrameType, event: str, _: object) -> None:
-        """Record the file of a called function, except of the server's periodic tick, unless it repeats the last one.
+        """Record the file of a called function unless it is the last one recorded; the server's tick is left out.
 
         Python calls this method, see `sys.setprofile`.
         """

@@ -15,7 +15,8 @@ from solver import Ogive
 
 JSONL = "application/jsonl"
 SHORTEST_PAUSE, LONGEST_PAUSE = 0.01, 0.25
-"""Bounds of the pause between two requests for the state of a job, a twentieth of the time since its submission [s]."""
+"""Bounds of the pause between two requests for the state of a job, which is a twentieth of the time since
+its submission. [s]"""
 
 
 @dataclass(frozen=True, slots=True)

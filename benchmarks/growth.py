@@ -3,7 +3,7 @@
     python benchmarks/growth.py [--quick] [--figure growth.svg]
 
 1. Searches a second against threads, up to the cores of this machine. Chunks a second against workers of a Dask
-   cluster; each chunk only sleeps for 0.1 s, so that any loss is due to the service and the scheduler.
+   cluster; each chunk only sleeps for 0.1 s, so any loss is due to the service and the scheduler.
 2. Memory of the server against queued cases of one job of JSON lines. [MB]
 3. Disk usage, time to open the results and time to start the service, against the number of results. The results are
    copies of 200 computed ones under other keys, in segments of 200 like the segments of a job.

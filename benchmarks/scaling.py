@@ -5,8 +5,8 @@
 Each turn computes the same strikes with one worker, then with two, and with one again, so that a drift in the speed
 of the machine cancels. The workers are threads of `critical_angle_many`, or processes. A gain below two has two causes:
 
-- Workers wait: fewer than two cores are busy. Near the end of a batch one may compute a hard strike of a fifth of a
-  second while the other has none left, which matters little with many strikes.
+- Workers wait: fewer than two cores are busy. Near the end of a batch one may compute a hard strike for a fifth of
+  a second while the other has none left, which matters little with many strikes.
 - The same work takes more CPU time on two cores than on one.
 
 Two other loops, measured in the same way, show how much of the second cause is due to the machine. Neither shares

@@ -32,7 +32,7 @@ def time_call(call: Callable[[], object], *, at_least: float = 0.05) -> Timing:
 
 @contextmanager
 def process_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Run a pool during the block, in which all processes have started and loaded the compiled code."""
+    """Run a pool during the block, after all its processes have started and loaded the compiled code."""
     with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=warm_up) as pool:
         seen: set[int] = set()
         while len(seen) < workers:
