@@ -62,7 +62,7 @@ def items_of(response: httpx.Response) -> list[dict[str, Any]]:
 
 
 def finished(client: httpx.Client, job: dict[str, Any]) -> dict[str, Any]:
-    """Wait for the end of a job; return it."""
+    """Wait until a job has ended; return the job."""
     deadline = time.monotonic() + DEADLINE_S
     while job["status"] in {"accepted", "running"}:
         assert time.monotonic() < deadline, job

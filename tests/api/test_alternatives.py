@@ -23,7 +23,7 @@ LAWS = [
 ]
 
 NEVER_YIELDS = PAPER["target"] | {"youngs_modulus_pa": 1e7}
-"""Concrete with so low a modulus that it never yields around an expanding cavity, as both decay theories require."""
+"""Concrete with too low a modulus to yield around an expanding cavity, although both decay theories require this."""
 
 
 def strike(velocity: float, **more: Any) -> dict[str, Any]:

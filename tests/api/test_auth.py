@@ -200,7 +200,7 @@ def test_panel_steps_count_as_cases_in_the_quota(guarded: Guarded) -> None:
 
 
 def test_studies_of_a_sweep_count_as_their_most_samples(guarded: Guarded) -> None:
-    """They are charged when they are accepted, and also if they end earlier."""
+    """The samples are charged when the sweep is accepted, even if its studies end with fewer."""
 
     def submit(client: httpx.Client, *speeds: float, headers: dict[str, str] | None = None) -> httpx.Response:
         base = PAPER_AT_45 | {"uncertain": [SPEED], "sampling": {"max_samples": 300, "half_width": 0.5}}

@@ -45,7 +45,7 @@ def service_in(folder: Path) -> Iterator[TestClient]:
 
 
 def ended(client: TestClient, name: str) -> dict[str, Any]:
-    """Wait for the end of a job; return it."""
+    """Wait until a job has ended; return the job."""
     while True:
         job: dict[str, Any] = client.get(f"/jobs/{name}").raise_for_status().json()
         if job["status"] not in {"accepted", "running"}:
@@ -177,7 +177,7 @@ def test_damaged_column_affects_only_its_own_job(
 
 
 def test_case_with_a_wrong_key_is_reported_as_damaged(whole: tuple[Path, dict[str, str]], tmp_path: Path) -> None:
-    """Two keys of the batch are exchanged, and others have a flipped bit, so that they match no result."""
+    """Two keys of the batch are exchanged, and one bit of a third is flipped: none of them fits its result."""
     folder, ids = tmp_path / "data", whole[1]
     shutil.copytree(whole[0], folder)
     place = "WHERE slice = 0 AND job = (SELECT number FROM jobs WHERE id = ?)"

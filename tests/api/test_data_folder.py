@@ -46,7 +46,7 @@ def service_in(folder: Path, clock: Clock | None = None, **settings: Any) -> Ite
 
 
 def job_in(client: TestClient, body: dict[str, Any] = CASES, **headers: str) -> dict[str, Any]:
-    """Submit a job and wait for its end; return it."""
+    """Submit a job and wait until it has ended; return the job."""
     job: dict[str, Any] = client.post("/trajectory/batch", json=body, headers=ASYNC | headers).raise_for_status().json()
     while job["status"] in {"accepted", "running"}:
         time.sleep(0.05)

@@ -81,7 +81,7 @@ def test_work_of_a_disconnected_client_is_dropped(one_worker: str, path: str) ->
 
 
 def test_client_addresses_get_equal_shares_of_the_workers(one_worker: str) -> None:
-    """A query of another client is computed before most of the 24 queries sent earlier."""
+    """A query of another client is answered before three quarters of the 24 queries sent earlier."""
     with (
         client_at(one_worker, "127.0.0.2") as crowd,
         client_at(one_worker, "127.0.0.3") as other,

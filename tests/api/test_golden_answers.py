@@ -41,7 +41,7 @@ NOT_COMPARED = re.compile(r"\bfinal\.moment_n_m\b|^-?\d.*,")
 """Numbers that are not compared: the moment on a body at rest, which is a small difference of large loads, and the
 rows of tables, whose numbers are compared in the JSON answers."""
 ZERO = 1e-9
-"""Magnitude below which a number is compared as 0."""
+"""Absolute tolerance, which matters only for numbers near 0."""
 SHOWN = 3
 """Number of items recorded from a list of numbers, from the trials of a search and from the rows of a table. The length
 is recorded too, except the number of trials, which may differ between processors."""

@@ -1,4 +1,4 @@
-"""The strength law from own shots, over HTTP and on the command line, and shots that are refused."""
+"""The strength law from a user's shots, over HTTP and on the command line, and warnings about implausible shots."""
 
 import json
 import math

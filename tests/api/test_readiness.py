@@ -143,7 +143,7 @@ async def test_service_whose_folder_is_replaced_accepts_no_jobs(
         answer = CriticalAngleAnswer.model_validate_json((await on_disk.post("/cra", json=other)).content)
         assert "result_not_cached" in {warning.code for warning in answer.warnings}
         assert files_in(data) == before
-        # The lock has been released, so that another service can use the folder.
+        # The lock has been released, so another service can use the folder.
         with ResultCache(data, memory_bytes=0, disk_bytes=10**9):
             assert (await on_disk.get("/readyz")).status_code == 503
 

@@ -114,12 +114,12 @@ REFUSED: dict[str, tuple[str, dict[str, Any], list[str]]] = {
         ],
     ),
 }
-"""Path, body and first message without units, in SI and in US customary units, of refused requests."""
+"""Path and body of refused requests, and their first message without `units`, with `si` and with `us`."""
 
 
 @pytest.mark.parametrize("kind", REFUSED)
 def test_refusals_are_in_the_units_that_the_request_names(client: httpx.Client, kind: str) -> None:
-    """Without units the quantities are in the units of the fields, and in those of other texts with them."""
+    """Without `units`, quantities are in the units of the fields; with `units`, in the units of all other texts."""
     path, body, messages = REFUSED[kind]
     for units, message in zip(({}, {"units": "si"}, {"units": "us"}), messages, strict=True):
         refused = client.post(path, json=body | units)
@@ -131,7 +131,7 @@ def test_refusals_are_in_the_units_that_the_request_names(client: httpx.Client, 
 
 @pytest.mark.parametrize("place", ["/cases/0", "/0", "/base"])
 def test_refusals_of_many_cases_are_in_the_units_of_each(client: httpx.Client, place: str) -> None:
-    """Cases that take units, which are those of studies, are refused in theirs."""
+    """Only cases of studies may name a system of units, and their refusals use it."""
     axis = {"field": "projectile.mass_kg", "values": [13.0, 14.0]}
     study = STRIKE | {"uncertain": SAMPLED["uncertain"], "impact": {"velocity_m_s": 2e4, "oblique_angle_deg": 50.0}}
     in_si, in_us = "must be 0.1 to 10,000 m/s, got 20,000 m/s", "must be 0.328084 to 32,808.4 ft/s, got 65,616.8 ft/s"

@@ -44,7 +44,7 @@ def check_is_the_same_everywhere(
     assert ("Lands about" in found["sentence"]) is ("flight" in found) is (found.get("outcome") == "ricochet")
     if by_python.spread is not None:
         spread = [math.degrees(each) for each in by_python.spread]
-        # Angles converted to radians may differ in the last bit, so that a search ends in a neighbouring bracket.
+        # Angles converted to radians may differ in the last bit, so a search may end in a neighbouring bracket.
         assert spread == pytest.approx(list(found["range"].values()), abs=0.02)
     if by_python.probability is not None:
         assert by_python.probability.value == pytest.approx(found["ricochet_probability"], abs=5e-3)

@@ -222,7 +222,7 @@ def test_shared_url_reopens_the_same_view(page: Page, new_page: Any) -> None:
         "Oblique angle": "62",
     }.items():
         expect(other.get_by_label(label, exact=True)).to_have_value(value)
-    # Without the line of a narrow window, which is hidden here.
+    # The inner text leaves out the line for narrow windows, which is hidden here.
     outcome = page.locator("[data-outcome]").inner_text()
     expect(other.locator("[data-outcome]")).to_have_text(outcome, use_inner_text=True)
     assert other.locator(".angle").inner_text() == page.locator(".angle").inner_text()

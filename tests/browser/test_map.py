@@ -184,7 +184,7 @@ def test_outcomes_meet_at_the_critical_angle_of_the_verdict(
 
 
 def test_cell_beside_the_critical_curve_keeps_its_words_and_its_row(page: Page, tmp_path: Path) -> None:
-    """At 338 m/s the critical angle is above 55°, so the strike there is embedded, in a cell that reaches to 60°."""
+    """At 338 m/s the critical angle is above 55°, so the strike at 55° is embedded, in a cell that reaches to 60°."""
     page.goto(f"/#/map?{PHASES}")
     all_computed(page, 45)
     assert 55.0 < curve(page)[338.0] < 59.0

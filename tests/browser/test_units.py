@@ -71,7 +71,7 @@ OUT_OF_RANGE = [
     ("Speed", "m/s", "20000", r"Speed must be at most 10,000\sm/s"),
     ("Speed", "ft/s", "50000", r"Speed must be at most 32,808.4\sft/s"),
 ]
-"""Label, unit and value of a field, and the message for it, of the page or of the service."""
+"""Label, unit and invalid value of a field, and the message that the page or the service gives for it."""
 
 
 @pytest.mark.parametrize(("label", "unit", "value", "words"), OUT_OF_RANGE)

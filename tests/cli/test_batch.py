@@ -165,7 +165,7 @@ def test_parquet_of_a_job_has_the_rows_of_the_table(
     assert cli.main(["jobs", "results", swept, "-o", "results.parquet"]) == 0
     assert (
         cli.main(["jobs", "results", swept, "--csv", "-o", "table.parquet", "--digits", "all"]) == 0
-    )  # The flag takes precedence over the variable.
+    )  # The flag takes precedence over the file name.
     capsysbinary.readouterr()
     assert cli.main(["jobs", "results", swept, "--parquet"]) == 0
     assert capsysbinary.readouterr().out == (served / "results.parquet").read_bytes()
@@ -338,7 +338,7 @@ def test_interrupted_batch_continues_at_the_service(
 
 
 def test_interrupted_local_batch_leaves_no_process_running(folder: Path, interrupted: Any) -> None:
-    """Its results so far are in the data folder, which is unlocked, and the same command reuses them."""
+    """The results so far are in the data folder, which is unlocked, and the command says how to continue."""
     write_cases(folder / "cases.jsonl", *slow_strikes(100))
     args = ("batch", "cases.jsonl", "--operation", "trajectory", "--data-dir", "kept")
     status, out, err = interrupted(*args)

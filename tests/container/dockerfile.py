@@ -25,7 +25,7 @@ class Step:
         return dict(word.split("=", 1) for word in shlex.split(self.text))
 
     def command(self) -> list[str]:
-        """Return program and arguments of a CMD, or of the CMD of a HEALTHCHECK."""
+        """Return program and arguments of a CMD or ENTRYPOINT, or of the CMD of a HEALTHCHECK."""
         words: list[str] = json.loads(self.text.partition("CMD ")[2] if "CMD " in self.text else self.text)
         return words
 

@@ -1,4 +1,4 @@
-"""compose.yaml runs the image of this project, without keys and reachable from this machine only."""
+"""compose.yaml runs the image of this project, reachable from this machine only and, by default, without keys."""
 
 import os
 import re

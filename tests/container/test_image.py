@@ -1,7 +1,7 @@
 """The steps of the Dockerfile are run in a new root folder, and the resulting image is started.
 
 The tests need root, debootstrap and the package index, and are skipped without them. CLEAN_ROOT names an existing
-Debian root folder to use instead.
+Debian root folder, which is copied instead of a new one.
 """
 
 import os

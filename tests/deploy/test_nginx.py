@@ -51,7 +51,7 @@ class Proxy:
         return httpx.Client(base_url=f"https://127.0.0.1:{self.port}", transport=transport, timeout=60.0)
 
     def connection(self, address: str, *, tls: bool = True) -> socket.socket:
-        """Open a TLS connection from this address."""
+        """Open a connection from this address, by default with TLS."""
         plain = socket.create_connection(("127.0.0.1", self.port), timeout=30.0, source_address=(address, 0))
         return self.trusted.wrap_socket(plain, server_hostname="127.0.0.1") if tls else plain
 
@@ -236,7 +236,7 @@ def test_links_work_below_a_path_prefix(proxy: Proxy) -> None:
 
 
 def test_too_long_bodies_are_refused_before_they_arrive_completely(proxy: Proxy) -> None:
-    """nginx refuses bodies that are too long for their path; the service refuses a batch after its first bytes."""
+    """nginx refuses bodies that are too long for their path; the service refuses a batch of plain text by its head."""
     known = len(proxy.entries())
     for path in ("/nothing", "/cra", "/jobs", "/mcp"):
         with proxy.client() as client:

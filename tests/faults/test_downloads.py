@@ -27,7 +27,7 @@ thread: a download of JSON lines took 53 to 83 MiB in six runs without them, and
 
 
 def motions(count: int) -> bytes:
-    """Return trajectories with their histories, 32 kB each as HDF5, as JSON lines."""
+    """Return requests for trajectories with their histories as JSON lines; a result takes 32 kB in HDF5."""
     impacts = ({"velocity_m_s": 240.0 + STEP_M_S * number, "oblique_angle_deg": 50.0} for number in range(count))
     return jsonl([PAPER_AT_45 | {"impact": impact, "output": {"history": True}} for impact in impacts])
 

@@ -59,7 +59,7 @@ def test_job_survives_kills_of_every_kind_of_process(executor: str, cases: int, 
 
 @contextmanager
 def workers_and_settings(executor: str, folder: Path) -> Iterator[tuple[DaskCluster | None, dict[str, str]]]:
-    """Yield no cluster for "pool", otherwise one of two Dask workers, and the environment variables to use it."""
+    """Yield a cluster with two Dask workers, or none for "pool", and the environment variables to use it."""
     if executor == "pool":
         yield None, {}
         return

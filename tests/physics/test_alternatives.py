@@ -101,7 +101,7 @@ def test_law_without_an_answer_has_its_error_beside_the_other_answers() -> None:
 
     beyond = Search(lower=math.radians(87.0), upper=math.radians(88.0))
     for each in alternatives(angle, **CASE, search=beyond):
-        is_polynomial = each.strength_factor == "obliquity_polynomial"  # It is not held, and negative beyond 86.6°.
+        is_polynomial = each.strength_factor == "obliquity_polynomial"  # S, not held here, is negative beyond 86.6°.
         assert isinstance(each.answer, ParameterError) is is_polynomial
 
 

@@ -321,7 +321,7 @@ def test_bounds_equal_the_bounds_in_the_contract() -> None:
                 ends = {each: described[each] for each in described if "imum" in each.lower()}
                 low, high = "exclusiveMinimum" if bound.above else "minimum", "maximum"
                 assert ends == {low: bound.lower, "exclusiveMaximum" if bound.below else high: bound.upper}, path
-                assert (shown_in(f"{part}.{field}") or bound.unit) == bound.unit, path  # the name of a share has none
+                assert (shown_in(f"{part}.{field}") or bound.unit) == bound.unit, path  # fractions have none
                 found += 1
     assert found == len([path for path in BOUNDS if path.count(".") == 1])
 
@@ -343,7 +343,7 @@ ARGUMENTS: dict[str, Any] = CASE | {
     "times": [0.0, 1e-3],
     "function": critical_angle,
 }
-"""A value for each argument without a default of the functions in `FUNCTIONS_WITH_RESISTANCE`."""
+"""Values for the required arguments of the functions in `FUNCTIONS_WITH_RESISTANCE`, by name."""
 ARGUMENTS_OF = {
     "alternatives": {**CASE, "velocity": 238.0},
     "least_thickness": {"impact": STRIKE, "target": PAPER_TARGET},
@@ -361,7 +361,7 @@ FUNCTIONS_WITH_RESISTANCE: dict[str, Callable[..., Any]] = {
 
 @pytest.mark.parametrize("name", sorted(FUNCTIONS_WITH_RESISTANCE))
 def test_object_that_is_not_a_resistance_is_refused(name: str) -> None:
-    """Every public function with the argument `resistance` refuses other objects and tells what to pass."""
+    """Every public function with an argument `resistance` refuses other classes and says what to pass."""
     given: list[tuple[Any, str]] = [
         (MohrCoulomb(), r"give Resistance\(free_surface=MohrCoulomb\(\.\.\.\)\)"),
         (PublishedTests(), r"give Resistance\(strength_factor=PublishedTests\(\.\.\.\)\)"),

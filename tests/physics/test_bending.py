@@ -1,4 +1,4 @@
-"""Bending stress of the projectile, compared with independent values, closed forms, scaled strikes and both methods."""
+"""Bending stress of the body by both methods, compared with independent values, closed forms and scaled strikes."""
 
 import math
 from dataclasses import replace
@@ -35,9 +35,9 @@ from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 
 ROUTES = {"adaptive": Numerics(), "panels": Numerics(method="panels", panels=4000)}
 INDEPENDENT = [(238.0, 48.6, 1.83e9), (238.0, 45.0, 1.84e9), (150.0, 45.0, 0.81e9), (100.0, 45.0, 0.64e9)]
-"""Speed, angle and peak stress of the paper's body as a solid, by two independent programs. [m/s, °, Pa]"""
+"""Speed, angle and peak stress of the paper's body, taken as solid, by two independent programs. [m/s, °, Pa]"""
 SAME = 0.05
-"""Relative tolerance of these stresses, because the programs end their runs at other instants and use other panels."""
+"""Relative tolerance for these stresses: the programs end runs at different times and use different panels. [1]"""
 CONVERGED = 0.01
 """Largest relative change of the peak with ten times as many cross-sections and every instant evaluated. [1]"""
 

@@ -141,7 +141,7 @@ def test_other_laws_have_the_inertia_of_the_requested_law() -> None:
 
 
 def test_law_that_does_not_determine_the_factor_is_left_out() -> None:
-    """Without decay the misfit to this motion falls with increasing S without limit, so that S is not determined."""
+    """Without decay the misfit to this motion falls as S rises, however large S is, so S is not determined."""
     found = compare(run(48.0, 8.0, law=MohrCoulomb()), resistance=Resistance(free_surface=MohrCoulomb()))
     assert found.laws[NoFreeSurface.name] is None
     assert found.best == "mohr_coulomb"

@@ -47,7 +47,7 @@ def white(random: np.random.Generator, size: int) -> dict[str, FloatArray]:
 @pytest.mark.parametrize("strength_factor", [5.0, 8.5, 12.0])
 @pytest.mark.parametrize("angle", ANGLES)
 def test_fit_to_a_computed_motion_recovers_the_strength_factor(angle: float, strength_factor: float) -> None:
-    """S is found to 10⁻⁴ of its value."""
+    """The relative error of S is at most 10⁻⁴."""
     made = run(angle, strength_factor, 5e-5).history
     assert made is not None
     found = fit(

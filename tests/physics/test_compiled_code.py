@@ -310,7 +310,7 @@ def test_two_processes_may_compile_at_the_same_time(little: SmallPackage) -> Non
 
 
 def test_compiled_solver_is_found_in_a_read_only_copy(tmp_path: Path) -> None:
-    """An example is an installation by root for other users, with complete compiled code."""
+    """An installation by root for other users is such a copy, if all functions were compiled."""
     solver.warm_up()
     progress = compilation.compilation_progress()
     assert progress.functions > 0
@@ -361,7 +361,7 @@ def test_process_that_cannot_compile_is_reported(monkeypatch: pytest.MonkeyPatch
 
 @pytest.fixture
 def compiling(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """Function that starts a script with an empty cache, so that it compiles the solver; killed after the test."""
+    """Function that starts a script with an empty cache, where it compiles the solver; killed after the test."""
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "empty"), "XDG_CACHE_HOME": str(tmp_path / "user")}
     environment |= {"TMPDIR": str(tmp_path)}
     processes: list[subprocess.Popen[str]] = []
@@ -404,7 +404,7 @@ FIRST_CALL = (
     "critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)"
 )
 NOTEBOOK = "import sys, types; sys.modules['ipykernel'] = types.ModuleType('ipykernel')\n"
-"""Code with which a process looks like a Jupyter kernel, whose standard error is not a terminal."""
+"""Code that makes a process look like a Jupyter kernel, whose standard error is not a terminal."""
 
 
 def test_first_call_in_a_notebook_announces_that_it_compiles(compiling: Callable[..., subprocess.Popen[str]]) -> None:

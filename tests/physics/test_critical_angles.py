@@ -52,7 +52,7 @@ BY_TIP: list[tuple[float, float, dict[str, Any]]] = [
 """Angle at which the tip is at the face after 5 ms, by an independent program with 96,000 panels and 1 µs steps. [°]"""
 
 PAPERS_ANGLE, PAPERS_TOLERANCE = 48.2, 0.01
-"""Angle in Figure 13, and the tolerance of its search. [°, 1]"""
+"""Angle in Figure 13 of the paper, and the relative tolerance of the search for it. [°, 1]"""
 
 
 def find(

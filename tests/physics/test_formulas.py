@@ -47,7 +47,7 @@ FORRESTAL_TARGET = Target(compressive_strength=35.2e6, density=2370.0)
 POUND, INCH, FOOT, PSI = 0.45359237, 0.0254, 0.3048, 6894.757
 """US units in SI. [kg, m, m, Pa]"""
 MEASURED_DEPTH = 0.173
-"""Measured depth of that shot. [m]"""
+"""Measured depth of `FORRESTAL_SHOT` at 277 m/s. [m]"""
 FLAT = replace(PAPER, nose=Flat())
 NOSES: dict[NoseShape, bool] = {
     Flat(): False,
@@ -55,7 +55,7 @@ NOSES: dict[NoseShape, bool] = {
     Spherical(caliber_radius_head=0.5): True,
     Ogive(caliber_radius_head=3.0): False,
 }
-"""A flat, a blunt, a spherical and a sharp nose, and whether sources disagree on its factor in the NDRC formula."""
+"""Flat, blunt, spherical and sharp noses, and whether sources disagree on the factor of each in the NDRC formula."""
 
 
 def by_name(projectile: Projectile, target: Target, impact: Impact) -> dict[str, FormulaResult]:
@@ -112,7 +112,7 @@ def test_ndrc_gives_the_known_depth_of_a_heavy_sphere() -> None:
 
 
 def test_scabbing_by_spheres_agrees_with_tests() -> None:
-    """Erkander and Pettersson (1985), 35.9 g on 140 mm of 29.7 MPa: 859 to 925 m/s.
+    """For 35.9 g on 140 mm of 29.7 MPa, Erkander and Pettersson (1985) report 859 to 925 m/s.
 
     The formula gives 844 m/s with a nose factor of 1, and 930 m/s with 0.84.
     """
@@ -275,7 +275,7 @@ def speed_at(function: Callable[[float], float], value: float) -> float:
 
 
 def impact_function(velocity: float) -> float:
-    """Return G of NDRC, computed from the scabbing limit of UKAEA, which has one branch only."""
+    """Return the impact function G of the NDRC formula, derived from the scabbing limit of UKAEA (one branch)."""
     return math.pow(diameters(ukaea, "scabbing_thickness")(velocity) / 5.3, 1.0 / 0.33)
 
 
@@ -293,8 +293,8 @@ BRANCHES: list[tuple[Formula, str, Callable[[float], float], float, float]] = [
     (hughes, "scabbing_thickness", DEPTH[hughes], 0.7, 2e-2),
     (li_chen, "penetration_depth", DEPTH[li_chen], LI_CHEN_ENTRY, 1e-9),
 ]
-"""Formula, limit, variable that selects the branch, boundary between branches, and the relative jump there that rounded
-coefficients cause. [1]"""
+"""Formula, limit, variable that selects the branch, boundary between branches, and largest jump there, in diameters,
+that rounded coefficients cause. [1]"""
 
 
 @pytest.mark.parametrize(
@@ -381,7 +381,7 @@ def test_strike_along_the_face_is_refused() -> None:
 
 @pytest.mark.parametrize("ratio", [0.0, 0.4, 10.0])
 def test_reinforcement_changes_no_result(ratio: float) -> None:
-    """No implemented formula uses reinforcement; the UKAEA formula for perforation, which does, has no open source."""
+    """No implemented formula uses reinforcement; the UKAEA formula for perforation, which does, is not public."""
     plain: dict[str, Any] = {"projectile": PAPER, "impact": Impact(velocity=238.0, oblique_angle=0.0)}
     reinforced = replace(PAPER_TARGET, thickness=0.2, reinforcement_ratio_percent=ratio)
     wall = replace(PAPER_TARGET, thickness=0.2)

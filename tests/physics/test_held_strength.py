@@ -31,7 +31,7 @@ from solver.uncertainty.strikes import scaled
 from .strikes import CASE, codes, known
 
 HELD_AT_60 = {238: 48.63, 300: 53.69, 400: 61.82, 500: 66.24, 600: 69.29, 700: 71.44, 800: 72.97}
-"""Critical angles of the paper's body by an independent program, by speed: with eq. 9 held from 60° on at S = 4.683.
+"""Critical angle of the paper's body for each speed, by an independent program, if eq. 9 is held from 60° on at 4.683.
 The next tables are for eq. 9 held from 55° on at S = 5.356, and not held. [m/s, °]"""
 HELD_AT_55 = {400: 60.38, 500: 64.98, 600: 68.23, 700: 70.55, 800: 72.24}
 NOT_HELD = {400: 62.75, 500: 69.26, 600: 72.96, 700: 74.80, 800: 75.51}

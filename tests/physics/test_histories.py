@@ -9,9 +9,9 @@ from .conftest import Reference
 from .strikes import known
 
 SIDEWAYS_REST = {"oblique-45-no-free-surface": 1.6e-3}
-"""Time at which the shank comes to rest sideways in its hole while it still moves along its axis. [s]
+"""Time at which the shank stops moving sideways in its hole while it still moves along its axis. [s]
 
-Turning and sideways speed vanish together and the load changes sign with them, so that fixed steps oscillate from there
+Turning and sideways speed vanish together and the load changes sign with them, so fixed steps oscillate from there
 on. The brute-force history with steps of 1 µs then turns back at 1 rad/s, and panels with steps of 10 µs deviate by
 1.06 mm and 0.41°."""
 

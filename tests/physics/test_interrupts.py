@@ -53,7 +53,7 @@ ROUNDS = 40
 
 
 def survives(script: str, *arguments: str) -> None:
-    """Run a script in another process and check that it reaches its end; a crash would also end the test process."""
+    """Run a script in another process, because a crash would end the tests too, and check that it reaches its end."""
     done = subprocess.run(
         [sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=False, timeout=TIMEOUT_S
     )

@@ -1,4 +1,4 @@
-"""The strength factor from own shots with the published tests as prior: posterior, limits, warnings and use."""
+"""The strength factor from a user's shots, with the published tests as prior: posterior, limits, warnings and use."""
 
 import math
 from collections.abc import Sequence

@@ -75,7 +75,7 @@ def test_warnings_belong_to_the_wall_of_least_thickness(angle: float) -> None:
 
 
 SHORT = Numerics(termination_time=4e-3)
-"""Numerics with a termination time at which slow projectiles, and all in thick walls, are still in motion."""
+"""Numerics with a termination time at which slow projectiles, and all projectiles in thick walls, still move."""
 
 
 def test_limit_next_to_a_trial_in_motion_is_uncertain() -> None:

@@ -50,7 +50,7 @@ def test_columns_are_described_by_their_fields(name: str, kinds: tuple[type, ...
 
 
 def models(model: type[Part]) -> set[type[Part]]:
-    """Return all subclasses of a model, direct and indirect."""
+    """Return a model and all its subclasses, direct and indirect."""
     return {model, *(inner for each in model.__subclasses__() for inner in models(each))}
 
 

@@ -131,7 +131,7 @@ def test_spin_of_a_sphere_does_not_change_critical_angle_and_limits() -> None:
 
 
 def test_spin_is_retained_energy_if_loads_can_turn_the_body() -> None:
-    """A sphere with an eccentric centre of gravity and the paper's body are slowed by the loads."""
+    """Loads slow the spin of a sphere with an eccentric centre of gravity, and of the paper's body."""
     for body in (replace(SPHERE, center_of_gravity=0.009), PAPER_PROJECTILE):
         impact = Impact(velocity=200.0, oblique_angle=0.1, angular_velocity=300.0)
         run = simulate(projectile=body, target=PAPER_TARGET, impact=impact)

@@ -60,7 +60,7 @@ def test_full_table_contains_every_combination() -> None:
 
 
 def test_comparison_covers_every_choice_of_the_model() -> None:
-    """The test fails until a new nose, decay law or field is added to the strikes that are compared."""
+    """After a new nose, decay law or field is added, this test fails until the compared strikes include it."""
     strikes = list(random_strikes(FULL_TABLE // 4, 3))
     assert {type(strike.projectile.nose) for strike in strikes} == set(get_args(NoseShape))
     assert {type(decay) for decay in DECAYS.values()} == set(get_args(FreeSurface))

@@ -155,7 +155,7 @@ def test_secant_that_leaves_the_quarter_turn_is_not_converged() -> None:
 COMES_AND_GOES = ObliquityPolynomial(
     coefficients=tuple(float(c) for c in np.polynomial.polynomial.polyfit([40, 50, 55, 60, 70], [8, 9, 3, 1.5, 8], 4))
 )
-"""A strength factor of 9 at 50°, 1.5 at 60° and 8 at 70°, so that projectiles near 60° are embedded again."""
+"""A strength factor of 9 at 50°, 1.5 at 60° and 8 at 70°, so projectiles near 60° are embedded again."""
 
 
 def test_all_bands_of_ricochet_are_reported() -> None:

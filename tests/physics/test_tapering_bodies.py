@@ -99,7 +99,7 @@ PLAIN = replace(PAPER_PROJECTILE, center_of_gravity=0.29413, moment_of_inertia=0
 
 
 def with_tail(length: float, base: float) -> Projectile:
-    """Return the paper's body with a boat-tail, but with its mass properties without one."""
+    """Return the paper's body with a boat-tail, but with the mass properties of the body without one."""
     return replace(PLAIN, boat_tail=BoatTail(length=length, base_diameter=base))
 
 

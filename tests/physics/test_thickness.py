@@ -65,7 +65,7 @@ ROWS = [
 """Angle, outcome, exit speed, its components, axis angle and energy left over initial energy, by that program.
 [°, m/s, °, 1]"""
 IN_ITS_HOLE = {20.0, 40.0}
-"""Angles at which the shank comes to rest sideways in its hole and slides on along its axis. The load then
+"""Angles at which the shank stops moving sideways in its hole and slides on along its axis. The load then
 changes sign within every fixed step, which slowly turns the axis back, in proportion to the step: by 3° at 10 µs and by
 0.4° at the 1 µs of the independent program. Adaptive steps do not have this error."""
 
@@ -278,7 +278,7 @@ def test_run_ends_in_motion_after_a_full_turn_in_the_target() -> None:
 
 
 def test_run_that_gains_energy_between_the_faces_diverges_at_once() -> None:
-    """Such a run with few stations once took 100,000 shorter and shorter steps, so that searches took seconds."""
+    """Such a run with few stations once took 100,000 shorter and shorter steps, and searches took seconds."""
     nose = Ogive(caliber_radius_head=5.690303148099852)
     body = Projectile(nose=nose, diameter=0.12287467948546833, length=0.7013633683649022, mass=56.95403029714366)
     wall = Target(compressive_strength=38067137.271900564, density=2238.9669610416436, thickness=0.06518926882855638)

@@ -32,7 +32,7 @@ def loads_on_many_cones() -> FloatArray:
 
 @pytest.mark.parametrize("processor", ["haswell", "znver4"], ids=["4 numbers", "8 numbers"])
 def test_loads_of_interpreted_and_compiled_code_agree(processor: str) -> None:
-    """Interpreted Python computes the same as code for other processors, which this one might not be able to run."""
+    """Interpreted Python stands in for code compiled for other processors, which this one might not be able to run."""
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "NUMBA_CPU_NAME": processor}
     script = f"import json, {__name__} as module; print(json.dumps(module.loads_on_many_cones().tolist()))"
     done = subprocess.run(

@@ -1,4 +1,4 @@
-"""The report on a strike: it agrees with the service's answers to the same case, and has two A4 pages."""
+"""The report on a strike: it agrees with the service's answers to the same case, and fits on two A4 sheets."""
 
 import base64
 import html

@@ -237,7 +237,7 @@ def test_oldest_segments_are_evicted_above_the_limit(tmp_path: Path) -> None:
         for record in records[:20]:
             cache.put_many([record])
         size = cache.statistics().bytes // 20
-        assert cache.get(records[0].key)  # This makes it the last one used.
+        assert cache.get(records[0].key)  # Now it is the most recently used.
     limit = 21 * size
     with cache_in(tmp_path, memory_bytes=0, disk_bytes=limit) as cache:
         for record in records[20:]:

@@ -90,7 +90,7 @@ def traced_patience(trace: Path) -> str:
 
 
 def traced_destructor(trace: Path) -> str:
-    """Return the same code in a destructor, where Python ignores exceptions, even if a signal handler raises them."""
+    """Return the code of `traced_patience` in a destructor, where Python ignores even exceptions of signal handlers."""
     patience = traced_patience(trace)
     return f"class Patient:\n    def __del__(self): {patience}\nPatient()\nimport time; time.sleep(1000.0)"
 
@@ -235,7 +235,7 @@ async def test_cancelled_call_that_reacts_to_a_signal_keeps_its_worker(
 
 
 async def test_owners_share_workers_and_small_work_overtakes_large(executor: Executor) -> None:
-    """One owner has a long queue; a later one does not wait for all of it."""
+    """A small call of an owner with a long queue, and a call of another owner, do not wait for the whole queue."""
     done: list[str] = []
 
     async def submit(name: str, owner: str, cost: float) -> None:

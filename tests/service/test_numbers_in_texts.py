@@ -1,4 +1,4 @@
-"""Numbers in sentences have commas between thousands from five digits before the decimal point on, and no others."""
+"""Numbers in sentences have commas between thousands only if they have five or more digits before the decimal point."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""Files that a shell or make reads have LF line ends in a clone, whatever the settings of git."""
+"""Scripts, Makefile, Dockerfile and nginx.conf have LF line ends in a clone, whatever the settings of git."""
 
 import subprocess
 from pathlib import Path

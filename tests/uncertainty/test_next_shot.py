@@ -1,4 +1,4 @@
-"""The value of own shots: the range of the critical angle that a study predicts after one and after two shots."""
+"""The value of further shots: the range of the critical angle that a study predicts after one and after three."""
 
 import math
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ LAW = Resistance(strength_factor=PublishedTests())
 BETWEEN, WITHIN = PublishedTests.between_series, PublishedTests.within_series
 STRENGTH = 0.05
 SHARE = (1.0 - 0.18) * STRENGTH
-"""Part of the dispersion of S f'c that comes from the strength, which follows from the exponent of the law. [ln]"""
+"""Standard deviation of ln(S f'c) caused by the scatter of the strength; S falls with the 0.18th power of it. [1]"""
 
 
 def study(uncertain: Sequence[Uncertain], law: Resistance = LAW, method: str = "auto") -> AngleUncertainty:
@@ -63,7 +63,7 @@ def test_more_shots_narrow_the_range_more(usual: AngleUncertainty) -> None:
 
 @pytest.mark.parametrize("place", [0, 1])
 def test_dispersion_equals_the_posterior_after_as_many_shots(usual: AngleUncertainty, place: int) -> None:
-    """The shots lie one standard deviation from the law, composed of the deviations between and within series."""
+    """All n shots have one S, which differs from the law by √n standard deviations of the mean of n shots."""
     expected = after_shots(usual)[place]
     distance = math.hypot(math.sqrt(expected.shots) * BETWEEN, WITHIN)
     factor = PublishedTests().polynomial(**CASE)[0] * math.exp(distance)

@@ -151,7 +151,7 @@ def test_usual_scatter_has_both_theories_unless_the_law_was_chosen(resistance: R
 
 
 def test_verdict_without_decay_is_consistent() -> None:
-    """At 52° it was once "embedded (probability of ricochet above 0.99)", and the angle was outside its range."""
+    """At 52° the verdict was once "embedded (probability of ricochet above 0.99)", with the angle outside its range."""
     found = verdict_of(
         PAPER_VELOCITY, oblique_angle=math.radians(52.0), resistance=Resistance(free_surface=NoFreeSurface())
     )

@@ -1,4 +1,4 @@
-"""The table of evidence, and results for metal plates and finite elements that support the default decay law."""
+"""The table of evidence, and the errors of the decay laws for metal plates and for motions by finite elements."""
 
 import pytest
 

@@ -117,7 +117,7 @@ def test_depth_of_a_test_affects_only_predictions_of_other_tests(assessment: Ass
 
 
 def test_factor_of_a_group_equals_the_calibration_by_depth(assessment: Assessment) -> None:
-    """The group has one projectile and one concrete, so that the calibration applies to it."""
+    """The group has one projectile and one concrete, so `fit_depth` applies to it."""
     group = [strike for strike in assessment.strikes if strike.group == WEAK_2006]
     tests = [DepthTest(velocity=each.test.velocity, depth=each.test.depth, mass=each.test.mass) for each in group]
     expected = fit_depth(projectile=group[0].projectile, target=group[0].target, tests=tests).estimate

@@ -1,4 +1,4 @@
-"""Spheres of Erkander and Pettersson, compared with the model and the formulas."""
+"""Tests with spheres by Erkander and Pettersson, compared with the model and the formulas."""
 
 import pytest
 
