@@ -138,7 +138,7 @@ export class CaseForm {
     else showText(this.problem, error.message);
   }
 
-  /** Store the case before an edit; further keys in the same field belong to the same edit. */
+  /** Store the case before an edit; further keystrokes in the same field belong to the same edit. */
   remember(path) {
     if (this.undone.at(-1)?.path !== path) this.undone = [...this.undone, { values: this.values, path }].slice(-MOST_UNDONE);
     this.undoButton.disabled = false;

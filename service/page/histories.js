@@ -5,7 +5,7 @@ import { axis, colour, csvOf, draw, heading, relayout } from "./plots.js";
 import { unitOf } from "./units.js";
 
 const NARROW = 640; // px
-const [NOISE, DIGITS] = [1e-6, 9]; // smaller histories are drawn as zero [unit shown]; significant digits of values drawn
+const [NOISE, DIGITS] = [1e-6, 9]; // histories with smaller values are drawn as zero [unit shown]; significant digits of values drawn
 const DASHES = ["solid", "dash"];
 /** Margins for labels of seven digits and a title [px]. They are fixed because Plotly draws all labels twice to fit its margins. */
 const MARGIN = { l: 58, r: 8, t: 8, b: 42 };

@@ -10,7 +10,7 @@ export const QUANTITIES = {
   probability: { label: "Probability of ricochet", si: "", name: "a probability", column: "ricochet_probability", of: ({ probability }) => probability, range: [0, 1] },
 };
 
-/** Ending, on a map, of an embedded run whose nose stands out of the rear face of a wall. */
+/** Ending, on a map, of an embedded run whose nose protrudes from the rear face of a wall. */
 const OUT = "embedded_out";
 
 /** Symbol in the legend for endings whose cells have a colour but no mark, so that the labels of contours can be read there. */

@@ -7,7 +7,7 @@ import { request } from "./service.js";
 import { between, quantileOf } from "./study.js";
 import { AT_ONCE, evenly, isOfAngle, numbers } from "./sweep.js";
 
-const STUDIES = 9; // largest number for a band, which changes slowly along the curve
+const STUDIES = 9; // largest number of studies for a band; few are enough, because it changes slowly along the curve
 const RICOCHET = "ricochet";
 const BAND = "#ffffff66"; // translucent, so that the colours of the outcomes remain visible
 

@@ -4,7 +4,7 @@ import { readParameter } from "./address.js";
 import { angleRequest, trajectoryRequest, withValue } from "./case.js";
 import { nodeAt } from "./contract.js";
 
-const PARTS = ["", "impact.", "projectile.", "projectile.nose.", "target."]; // where to look for a field of which the header has only the last name
+const PARTS = ["", "impact.", "projectile.", "projectile.nose.", "target."]; // tried in this order for a header that is only the last name of a field
 const ID = "custom_id";
 const REQUESTS = { trajectory: trajectoryRequest, cra: angleRequest };
 

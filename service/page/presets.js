@@ -8,7 +8,7 @@ import { keep, kept } from "./storage.js";
 const STORED = "ricochet-cases";
 /**
  * Differences of each preset from the paper's case. The paper reports four tests of its own strike, which give the scatter of S
- * in its preset; the rod and the cone have the mass of solid steel.
+ * in its preset; the rod, the sphere and the cone have the mass of solid steel.
  */
 const PRESETS = {
   "The paper's strike": { strength_scatter: "paper_table_1" },

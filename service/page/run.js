@@ -6,9 +6,9 @@ import { centreOfGravity } from "./outline.js";
 import { request } from "./service.js";
 import { inUnits } from "./units.js";
 
-const INSTANTS = 100; // least number in a history, if its duration was predicted well
+const INSTANTS = 100; // least number of instants in a history whose duration was predicted well
 const [FEWEST, MOST] = [60, 600]; // a history outside this range is computed again
-const MOST_ROWS = 20_000; // most rows of a history that lasts until the termination time
+const MOST_ROWS = 20_000; // largest number of rows of a history that lasts until the termination time
 const TERMINATION_S = 0.05; // used if the case does not set one
 const RADIAN = Math.PI / 180;
 
@@ -22,7 +22,7 @@ const HELD_FROM_DEG = 60; // S of eq. 9 is held constant from this angle on
 let latest = {}; // speed [m/s] and duration [s] of the latest run, from which the duration of the next is predicted
 
 /**
- * Compute a trajectory with a history of 100 to 250 instants.
+ * Compute a trajectory with a history of 100 to 250 instants, or of 60 to 600 if its duration was not predicted well.
  *
  * @returns {Promise<object>} the answer, with `path` (columns of the nose tip and the speed) and with the `projectile`,
  *   the `target` and all `values` of the case

@@ -85,7 +85,7 @@ export function usualInput(field) {
   return { field, type, given };
 }
 
-/** Return the inputs of a case that usually scatter; the theory is included only if the decay law of the case is one of the two. */
+/** Return the inputs of a case that usually scatter; the theory is included only if the decay law of the case is among its choices. */
 export function usualInputs(values) {
   const decay = valueAt(values, "resistance.free_surface.model");
   const isOne = ({ type, given }) => type !== "discrete" || decay in given;

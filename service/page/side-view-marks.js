@@ -8,7 +8,7 @@ import { degreesShown, lengthShown, quantityShown } from "./words.js";
 
 const RADIAN = Math.PI / 180;
 const SWEPT = 48; // instants whose outlines together form the hole
-const THINNED = 20; // number of outline points from which the hole uses only every fourth one of the nose
+const THINNED = 20; // least number of outline points with which the hole uses only every fourth point of the nose
 const ARC_POINTS = 16;
 const LEAST_DEG = 0.05; // smaller angles of attack have no mark of their own
 /** Distances from the point of contact, in projectile lengths. */
@@ -82,7 +82,7 @@ export function exitMark({ exit, final, path, projectile: { length_m: length } }
   return [arrow(tip, direction, colour("accent"), "exit"), { at: end, text, side, color: colour("accent") }];
 }
 
-/** Return a label beside the nose tip with how far a body at rest stands out of the rear face of a wall. */
+/** Return a label beside the nose tip with how far a body at rest protrudes from the rear face of a wall. */
 export function protrusionMark({ outcome, protrusion, path, projectile: { diameter_m: diameter } }) {
   if (outcome !== "embedded" || !protrusion?.final_m) return [];
   const at = [path.lateral.at(-1) + diameter, path.depth.at(-1)];

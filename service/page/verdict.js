@@ -185,8 +185,8 @@ export class Verdict {
   }
 
   /**
-   * Return the warnings of the search and of the verdict to show beside those of the run: without codes that the run has itself,
-   * and those of the search prefixed with "at the critical angle".
+   * Return the warnings of the search and of the verdict to show beside those of the run: standing notes, and warnings whose codes
+   * the run does not have. Such warnings of the search get the prefix "at the critical angle".
    */
   #warningsBeside(run) {
     const own = new Set(run.warnings.map(({ code }) => code));

@@ -47,7 +47,7 @@ export function lengthShown(value, count = 3) {
   return quantityShown(value, "mm", count);
 }
 
-/** Describe in a few words how a run ended, including how far the body stands out of the rear face of a wall. */
+/** Describe in a few words how a run ended, including how far the body protrudes from the rear face of a wall. */
 export function endingShown({ outcome, protrusion }) {
   const out = outcome === "embedded" && protrusion?.final_m;
   return out ? `${outcomeShown(outcome)}, its nose ${lengthShown(out)} out of the rear face` : outcomeShown(outcome);
