@@ -16,7 +16,6 @@ from service.api.batch_response import job_json, job_response, queue_of, retry_a
 from service.api.body import CheckedRoute
 from service.api.contract import RETRY_LATER, Responses, problems
 from service.api.job_models import Job, JobChange, JobResults, Jobs
-from service.api.middleware import client_of
 from service.api.negotiation import CSV, HDF5, JSON, JSONL, PARQUET, choose
 from service.api.results import (
     FILES,
@@ -52,9 +51,7 @@ async def manager_of(request: Request) -> JobManager:
 
 async def event_stream(request: Request, context: ReadContext) -> AsyncIterator[None]:
     """Count an open event stream until its request ends, per owner of the key or, without a key, per client address."""
-    principal = context.principal
-    holder = principal.owner if principal.key else f"address {client_of(request.scope)}"
-    with services_of(request).streams.held(holder):
+    with services_of(request).streams.held(context.queue_owner):
         yield
 
 

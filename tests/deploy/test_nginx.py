@@ -243,8 +243,9 @@ def test_too_long_bodies_are_refused_before_they_arrive_completely(proxy: Proxy)
             problem_of(client.post(path, content=bytes(600_000)), 413)
         assert first_line(proxy, b"POST %b HTTP/1.1" % path.encode(), length=60_000_000).split()[1] == b"413"
     assert len(proxy.entries()) == known
-    head = b"POST /cra/batch HTTP/1.1\r\nContent-Type: text/plain"
-    assert first_line(proxy, head, length=60_000_000).split()[1] == b"415"
+    for path in ("/cra/batch", "/cra/uncertainty/sweep"):
+        head = b"POST %b HTTP/1.1\r\nContent-Type: text/plain" % path.encode()
+        assert first_line(proxy, head, length=60_000_000).split()[1] == b"415"
 
 
 def problem_of(response: httpx.Response, status: int) -> httpx.Response:
