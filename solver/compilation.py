@@ -444,7 +444,8 @@ inlined = _decorator(forceinline=True, **LEAN)
 """Decorator of a function with many arguments that is inlined for speed."""
 # Reassociation is not allowed here, since the compiler would use it to distribute a division over every term.
 exact = _decorator(fastmath={"contract", "nsz"}, **LEAN)
-"""Decorator of polynomials and quotients in loops over vectors."""
+"""Decorator of functions that compute polynomials or quotients in vectorized loops: fused operations are allowed, and
+reassociation is not."""
 # A sum in vector registers adds its terms in another order, which these flags allow. Inlining is forced because LLVM
 # stopped inlining the loops once the code for walls also called them, which made runs 5 to 8 % slower.
 vectorised = _decorator(forceinline=True, fastmath={"contract", "nsz", "arcp", "reassoc"}, **LEAN)

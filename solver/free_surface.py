@@ -313,7 +313,8 @@ def static_factor(inward: float, outward: float, decay: Decay, deep: bool) -> fl
     Parameters
     ----------
     inward, outward
-        Distances along the normal to the face and to the axis, on any common scale.
+        Distances from the element to the face and to the axis of the body, both along the normal of the element, in
+        any common unit.
     deep
         Whether to use the polynomials above the corner.
     """
@@ -342,7 +343,8 @@ def decay_at(inward: float, outward: float, speed: float, decay: Decay) -> float
     Parameters
     ----------
     inward, outward
-        Distances along the normal to the face and to the axis, on any common scale.
+        Distances from the element to the face and to the axis of the body, both along the normal of the element, in
+        any common unit.
     speed
         Normal velocity of the element. [m/s]
     """

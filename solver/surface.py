@@ -109,10 +109,10 @@ class Section(NamedTuple):
 
     piece: OutlinePiece
     cavity: float
-    """Bound of the radius of the cavity; 0 where the cavity is r / cos α. [m]
+    """Limit on the radius of the cavity. [m]
 
-    The bound is the radius of the shank. A negative bound, where the normal points backwards, holds toward the rear
-    face of a wall only."""
+    0 means no limit: the radius is r / cos α. The radius a of the shank limits it toward both faces; -a, where the
+    normal points backwards, limits it toward the rear face of a wall only. Infinity marks the base."""
 
 
 def sections(pieces: tuple[OutlinePiece, ...], radius: float) -> Iterator[Section]:

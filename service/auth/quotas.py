@@ -166,7 +166,7 @@ class QuotaStore:
         return found
 
     def give_back(self, key_id: str, count: int, began: int) -> None:
-        """Give back to a key unused cases that were charged in the time step that began at `began`."""
+        """Refund unused cases to the quota of a key. They were charged in the time step that began at `began`."""
         if key_id not in self._quotas:
             # The limit is not known here. `quota` sets it when the key is next used.
             self._quotas[key_id] = Quota(None, self._earlier.get(key_id), self._time)

@@ -47,7 +47,7 @@ export function arcMarks({ values, history, projectile: { length_m: length } }, 
   const arc = (begin, end, radius) =>
     line(Array.from({ length: ARC_POINTS + 1 }, (_, i) => from(begin + (i / ARC_POINTS) * (end - begin), radius * length)));
   const word = (text, radius) => ({ at: besideNormal(radius * length), text });
-  const top = isNarrow ? RADII.normal : RADII.theta; // above the label of the exit
+  const top = isNarrow ? RADII.normal : RADII.theta; // farther out in a narrow picture, clear of the label of the exit
   if (Math.abs(phi - theta) < LEAST_DEG) return [ray(0), arc(0, theta, RADII.theta), word(`θ = φ = ${shown(theta)}`, top)];
   return [
     ...[ray(0), ray(theta), arc(0, theta, RADII.theta), arc(0, phi, RADII.phi), arc(theta, phi, RADII.delta)],

@@ -69,5 +69,5 @@ def last_name(field: str) -> str:
 
 @cache
 def usual_names() -> dict[str, tuple[str, ...]]:
-    """Return the common names of quantities, keyed by the last part of their path, which all objects share."""
+    """Return the common names of quantities, keyed by field name, which is the same in all objects."""
     return {last_name(field): names for field, names in ALIASES.items()}

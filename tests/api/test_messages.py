@@ -1,9 +1,9 @@
-"""Messages of refused requests match the text in `messages.txt`, one table for all routes.
+"""Messages of refused requests match `messages.txt`, which covers all routes.
 
 A line of `CHANGES` has a path, a JSON pointer into a valid body and the new value, or no value to leave the field out.
 Messages must not contain internal names.
-After a change of words, `.venv/bin/python -m tests.api.test_messages` writes the file; read the differences before
-you commit them.
+After rewording a message, regenerate the file with `.venv/bin/python -m tests.api.test_messages`, and read the
+differences before you commit them.
 """
 
 import json

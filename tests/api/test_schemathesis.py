@@ -62,7 +62,7 @@ def test_service_keeps_its_contract_for_any_request(
     # A request that fits the schema may still be refused, such as a nose longer than its body (422).
     command += ["--checks", "all", "--exclude-checks", "positive_data_acceptance", "--max-response-time", "120"]
     command += ["--continue-on-failure", "--no-color", "--request-timeout", "120", f"--{option}-path-regex", paths]
-    if option == "include":  # Answers of these paths have no links to follow, so the phase for them is left out.
+    if option == "include":  # Their links lead to paths that the pattern leaves out, so links are not followed.
         command += ["--phases", "examples,coverage,fuzzing"]
     environment = os.environ | {"NO_PROXY": "*"}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)

@@ -55,7 +55,7 @@ def test_buttons_that_need_a_valid_case_are_disabled_without_one(page: Page, wro
 
 @pytest.mark.parametrize("edits", [25, pytest.param(300, marks=pytest.mark.slow)])
 def test_random_edits_never_leave_outdated_results_unmarked(page: Page, faults: list[str], edits: int) -> None:
-    """After an invalid edit results are grey and buttons disabled; after a valid one text and URL match it."""
+    """While a field is invalid, texts are gone, pictures grey and buttons disabled; a valid edit brings all back."""
     chance = random.Random(51)  # noqa: S311 (not for secrets)
     fields = {
         "Speed": (["238", "310.5", "120"], ["-5", "", "fast"]),

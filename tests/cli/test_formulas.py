@@ -1,4 +1,4 @@
-"""`ricochet formulas`: output as table, JSON and CSV, equal with and without a service."""
+"""`ricochet formulas`, `thickness` and `limit-speed`: output in all formats, with and without a service."""
 
 import json
 import re

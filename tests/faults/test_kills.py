@@ -20,11 +20,11 @@ from .server import UNFINISHED, RestartableServer
 CASES = 200
 """Number of cases of a batch, about a second of work."""
 ORPHAN_SECONDS = 10.0
-"""Time limit for workers to end after their server was killed; on a busy machine they have the lowest priority. [s]"""
+"""Time limit for workers to end after their server was killed, long because they run at a low priority. [s]"""
 WORKER_PAUSE_SECONDS = 0.3
 """Pause between two kills of a worker, shorter than its start. [s]"""
 INSTANTS = {"while cases are computed": 0.1, "while the body is sent": 0.12, "right after the 202": 0.05}
-"""Latest time of the kill, counted from a random number of finished cases, the first byte sent, or the answer. [s]"""
+"""Longest delay before the kill, by the event that precedes it. [s]"""
 RESTART_SECONDS = 1.5
 """Latest time after its start at which a server is killed again. [s]"""
 STUDY_SECONDS = 1.0
