@@ -63,8 +63,8 @@ class ServerSettings(SettingsGroup):
     """Folder of the manual, served at `/manual`. `make docs` builds it in a copy of the repository; a wheel has no
     manual."""
     gzip: bool = True
-    """Compress responses of 1 kB and more with gzip for clients that accept it, except event streams and formats that are
-    already compressed, such as HDF5 and Parquet."""
+    """Compress responses of 1 kB and more with gzip for clients that accept it, except event streams and formats that
+    are already compressed, such as HDF5 and Parquet."""
     log_level: Literal["debug", "info", "warning", "error"] = "info"
     """Lowest severity that is logged. `warning` omits the line for each request."""
     telemetry: bool = False
