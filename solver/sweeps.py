@@ -69,7 +69,7 @@ def _data_of_published_tests() -> str:
     (thin, thick), (weak, strong) = PublishedTests.diameters, PublishedTests.compressive_strengths
     diameters = interval(round(thin, 3), round(thick, 3), "mm")
     strengths = interval(round(weak, -6), round(strong, -6), "MPa")
-    return f"S: 251 tests at 0°, {diameters}, {strengths}, varying with the angle as in eq. 9"
+    return f"S: 251 tests at 0°, {diameters}, {strengths}, over the angle as eq. 9"
 
 
 def _data_of_power_law() -> str:

@@ -39,7 +39,7 @@ def test_implausible_mean_density_is_named(client: httpx.Client, path: str) -> N
     usual = {name: part for name, part in PAPER.items() if name != "impact"} | {"impact": {"velocity_m_s": 100.0}}
     body = usual | OPERATIONS[path]
     (detail,) = densities(answered(client, path, body | {"projectile": LIGHT}))
-    assert "kg/m³, outside 1,000 to 20,000 kg/m³" in detail
+    assert "kg/m³, outside 1000 to 20,000 kg/m³" in detail
     assert densities(answered(client, path, body)) == []
 
 

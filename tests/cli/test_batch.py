@@ -95,7 +95,7 @@ def test_sweep_of_walls_omits_the_quantity_it_searches_for(served: Path, capsys:
         assert all(float(row["bracket_low" + name[name.index("_m") :]]) <= float(row[name]) for row in rows)
         assert (served / f"{operation}.svg").stat().st_size
     assert cli.main(["sweep", "wall.json", "--operation", "thickness", *coarse, "--thickness", "0.3"]) == 2
-    assert "--thickness: must not be given" in capsys.readouterr().err
+    assert "--thickness: must be absent" in capsys.readouterr().err
 
 
 def test_sweep_of_studies_moves_the_scatter_with_the_axis(

@@ -248,7 +248,7 @@ def test_forces_and_energies_have_no_exponents(here: Path, capsys: pytest.Captur
         ("cra nothing.toml", "nothing.toml: No such file"),
         ("cra wrong.toml", "wrong.toml: not TOML: "),
         ("cra dated.toml", "dated.toml: /projectile/mass_kg: must be a number, got"),
-        ("cra long.json", "long.json: holds a number of more than 4,300 digits"),
+        ("cra long.json", "long.json: holds a number of more than 4300 digits"),
         ("cra empty.json", "empty.json: the file is empty"),
         ("cra odd.toml", "odd.toml: /projectile/mass_kg: must be a number, got"),
         ("formulas strike.toml --angle 95", "ricochet formulas: --oblique-angle: "),

@@ -208,7 +208,7 @@ def test_mean_density_is_the_mass_over_the_volume_of_the_outline() -> None:
         cylinder = replace(PLAIN, nose=Flat(), mass=density * volume)
         details = [each.detail for each in body_warnings(cylinder)]
         assert bool(details) is warned
-        assert all(f"{density:.0f} kg/m³" in detail for detail in details)
+        assert all(f"{density:,.0f} kg/m³" in detail for detail in details)
 
 
 @pytest.mark.parametrize("name", NOSES)

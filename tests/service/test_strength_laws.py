@@ -57,7 +57,7 @@ def test_stated_ranges_of_the_published_tests_agree_with_the_data() -> None:
 def test_texts_of_alternatives_state_the_data_of_each_law() -> None:
     expected = {
         solver.ObliquityPolynomial: "S: finite elements, 80 mm into 39 MPa, 0° to 45°",
-        solver.PublishedTests: "S: 251 tests at 0°, 10 to 203 mm, 13 to 108 MPa, varying with the angle as in eq. 9",
+        solver.PublishedTests: "S: 251 tests at 0°, 10 to 203 mm, 13 to 108 MPa, over the angle as eq. 9",
         solver.StrengthPowerLaw: "S: tests at 0° of Frew et al. (1998), over the angle constant",
     }
     assert {law: data_behind(law()) for law in expected} == expected

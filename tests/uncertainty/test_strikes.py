@@ -149,10 +149,10 @@ def test_samples_outside_the_model_are_counted() -> None:
 @pytest.mark.parametrize(
     ("field", "distribution", "parameter", "requirement"),
     [
-        ("target.density", Uniform(lower=-500.0, upper=-100.0), "lower", "must be 100 to 20000 kg/m³, got -500"),
+        ("target.density", Uniform(lower=-500.0, upper=-100.0), "lower", "must be 100 to 20,000 kg/m³, got -500"),
         ("target.density", Normal(mean=-1.0, standard_deviation=1.0), "mean", "got -1"),
-        ("target.density", TruncatedNormal(mean=2e3, standard_deviation=9.0, upper=3e4), "upper", "got 30000"),
-        ("impact.velocity", Lognormal(median=1e5, dispersion=0.1), "median", "got 100000"),
+        ("target.density", TruncatedNormal(mean=2e3, standard_deviation=9.0, upper=3e4), "upper", "got 30,000"),
+        ("impact.velocity", Lognormal(median=1e5, dispersion=0.1), "median", "got 100,000"),
         ("impact.velocity", Discrete(values=[238.0, -5.0]), "values.1", "got -5"),
         (RESIDUAL, Uniform(lower=-0.5, upper=2.0), "lower", "greater than 0"),
     ],
