@@ -60,8 +60,8 @@ export async function requestStrike(body, signal) {
     return await send(body);
   } catch (error) {
     const interval = body.output.sample_interval_s;
-    const [, least] = error.errors?.find(({ pointer }) => pointer === "/output/sample_interval_s")?.detail.match(/([\d.e-]+) s, got/) ?? [];
-    if (least > interval) return send({ ...body, output: { ...body.output, sample_interval_s: 1.001 * Number(least) } });
+    const [, least] = error.errors?.find(({ pointer }) => pointer === "/output/sample_interval_s")?.detail.match(/([\d.e-]+) ms, got/) ?? [];
+    if (1e-3 * least > interval) return send({ ...body, output: { ...body.output, sample_interval_s: 1.001e-3 * least } });
     const [, stopped] = (error.type?.endsWith(":step-limit") && error.detail.match(/stopped at ([\d.e-]+) s/)) || [];
     if (!stopped) throw error;
     const time = Number((0.95 * Number(stopped)).toPrecision(3));

@@ -117,7 +117,7 @@ class StrengthPowerLaw(SolverPart[solver.StrengthPowerLaw]):
 class PublishedTests(SolverPart[solver.PublishedTests]):
     """Power law fitted to 251 published penetration tests: 8.84 (f'c / 39 MPa)^-0.18 (d / 76.2 mm)^-0.24.
 
-    The tests are normal impacts of projectiles of 9.9 to 203 mm at 67 to 897 m/s on concrete of 13 to 108 MPa. The S of
+    The tests are normal impacts of projectiles of 9.9 to 203 mm at 67 to 897 m/s, concrete of 13 to 108 MPa. The S of
     an untested concrete scatters about this law: ln S has Student's distribution with a scale of 0.27 and 3 degrees of
     freedom.
     """
