@@ -43,7 +43,7 @@ class Attempts:
 
     @property
     def turned_away(self) -> list[bool]:
-        """For each trial, whether the nose tip is outside the concrete at 5 ms, the paper's criterion for ricochet."""
+        """Trials in which the nose tip is outside the concrete at 5 ms, the paper's criterion for ricochet."""
         return [depth < 0.0 for depth in self.final]
 
 

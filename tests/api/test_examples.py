@@ -64,7 +64,7 @@ MANY: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "Approach": ("/limit-speed", lambda example: SCHEMAS["LimitSpeedRequest"]["examples"][0] | {"impact": example}),
     "Axis": ("/cra/sweep", lambda example: {"base": PAPER, "axes": [example]}),
 }
-"""For each part that `REQUESTS` lacks: a path, and a function that puts an example of the part into a body."""
+"""Parts that `REQUESTS` lacks, each with a path and a function that puts an example of the part into a body."""
 TESTS = SCHEMAS["DepthCalibrationRequest"]["examples"][0]
 MOTION = SCHEMAS["MotionCalibrationRequest"]["examples"][0]
 POINTS = SCHEMAS["ObliquityCalibrationRequest"]["examples"][0]

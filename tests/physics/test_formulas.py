@@ -112,7 +112,7 @@ def test_ndrc_gives_the_known_depth_of_a_heavy_sphere() -> None:
 
 
 def test_scabbing_by_spheres_agrees_with_tests() -> None:
-    """For 35.9 g on 140 mm of 29.7 MPa, Erkander and Pettersson (1985) report 859 to 925 m/s.
+    """Erkander and Pettersson (1985) report 859 to 925 m/s for 35.9 g on 140 mm of 29.7 MPa.
 
     The formula gives 844 m/s with a nose factor of 1, and 930 m/s with 0.84.
     """
