@@ -39,7 +39,7 @@ def skip_unless_possible() -> None:
 
 
 def base_root(image: str, folder: Path) -> Path:
-    """Make a root folder like the base image, or copy the folder that CLEAN_ROOT names, and add Python in /usr/local."""
+    """Make a root folder like the base image or copy that of CLEAN_ROOT, and add Python in /usr/local."""
     release, version = RELEASES[image]
     root = folder / "base"
     if ready := os.environ.get("CLEAN_ROOT"):
