@@ -383,8 +383,8 @@ class Projectile:
     nose
         Shape of the nose, or of the whole body: a sphere, or a profile that falls behind its widest point.
     diameter
-        Diameter of the shank, or the largest diameter of a body without a shank; 1 mm to 5 m, from pellets to the
-        largest bombs. [m]
+        Diameter of the shank, or the largest diameter of a body without a shank. The bounds, 1 mm and 5 m, include
+        pellets and the largest bombs. [m]
     length
         Distance from the nose tip to the flat base, at least the length of the nose. For a body without a shank it is
         the whole length. [m]

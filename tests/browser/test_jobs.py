@@ -76,7 +76,7 @@ def test_cases_of_a_dropped_table_are_completed_from_the_current_case(page: Page
 
 def test_running_job_shows_its_remaining_time_and_queued_job_its_position(page: Page, client: httpx.Client) -> None:
     """The answer of the service is replaced, so that both states occur however busy the machine is."""
-    job = client.post("/trajectory/batch", content=lines(searches(1)), headers=LINES | ASYNC).json() | {"counts": {}}
+    job = client.post("/cra/batch", content=lines(searches(1)), headers=LINES | ASYNC).raise_for_status().json()
     counts = {"total": 100, "done": 0, "cached": 0, "failed": 0}
     started = (datetime.now(UTC) - timedelta(seconds=60)).isoformat()
     waits = job | {"id": "a" * 32, "status": "accepted", "created": "2026-01-02T00:00:00Z", "counts": counts}

@@ -264,7 +264,7 @@ CLAIMS: dict[str, Callable[[], Numbers]] = {
         angle(resistance=with_own_fit(MohrCoulomb())),
     ),
     "the defaults of ricochet give {}°": lambda: (angle(),),
-    "the default, gives {}° with eq. 9 for the strike of the paper": lambda: (angle(),),
+    "the default, gives a critical angle of {}° with eq. 9 for the paper's strike": lambda: (angle(),),
     "A crater of two diameters moves the critical angle of the paper's strike from {}° to {}°": lambda: (
         angle(),
         angle(resistance=WITH_CRATER),
