@@ -413,9 +413,11 @@ async def test_job_survives_repeated_kills_of_workers(manager: JobManager, pool:
         killed = chance.choice(pool.worker_pids)
         os.kill(killed, signal.SIGKILL)
         begun = runs(log).keys()
-        # A case that ends two workers fails, so the next kill waits until every case that this one may have hit is answered.
-        while killed in pool.worker_pids or not begun <= {result.number for result in await all_results(manager, job)}:
+        # A case that ends two workers fails: the next kill waits until every case that this one may have hit is answered.
+        answered: set[float] = set()
+        while killed in pool.worker_pids or not begun <= answered:
             await asyncio.sleep(0.02)
+            answered = {result.number for result in await all_results(manager, job)}
     state = await following
     assert (state.status, state.done, state.failed) == ("successful", 280, 0)
     assert squares(await all_results(manager, job)) == [i**2 for i in range(280)]
