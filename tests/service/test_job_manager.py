@@ -413,7 +413,7 @@ async def test_job_survives_repeated_kills_of_workers(manager: JobManager, pool:
         killed = chance.choice(pool.worker_pids)
         os.kill(killed, signal.SIGKILL)
         begun = runs(log).keys()
-        # A case that ends two workers fails: the next kill waits until every case that this one may have hit is answered.
+        # A case that ends two workers fails: wait until every case that this kill may have hit is answered.
         answered: set[float] = set()
         while killed in pool.worker_pids or not begun <= answered:
             await asyncio.sleep(0.02)
