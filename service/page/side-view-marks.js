@@ -100,7 +100,7 @@ export function bendingMark({ bending, history, path, projectile: { diameter_m: 
   const ends = [-1, 1].map((sign) => place.map((value, i) => value + sign * across[i]));
   return [
     line(ends, { class: "bending", stroke: colour("bad"), "stroke-width": 2, "stroke-dasharray": "3 2" }),
-    { text: `bends most: ${quantityShown(bending.peak_stress_pa, "GPa")}`, color: colour("bad") },
+    { text: `bends most: ${quantityShown(bending.peak_stress_pa, "MPa")}`, color: colour("bad") },
   ];
 }
 
