@@ -217,6 +217,7 @@ def test_band_of_the_critical_curve_is_that_of_the_verdict_and_moves_nothing(pag
         arg=BAND,
     )
     assert area.bounding_box() == before
+    expect(page.locator("#status")).to_contain_text("90 %")
     band = trace(page, BAND)
     column = band["x"].index(238.0)
     (low_end, high_end), (first, last) = band["y"], [row[column] for row in band["z"]]

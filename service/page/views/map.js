@@ -144,7 +144,9 @@ class MapView {
     this.picture.showEnd(job);
     const curve = job.status === "successful" && (await this.#curve);
     const whole = curve && (await withBand(map, curve, signal).catch(() => undefined));
-    if (whole && !signal.aborted) await this.picture.showCells({ curve: whole });
+    if (!whole || signal.aborted) return;
+    await this.picture.showCells({ curve: whole });
+    announce("The map shows the 90 % range of the critical angle too.");
   }
 
   #begin(map) {
