@@ -555,7 +555,8 @@ def problem_of(exception: BaseException) -> dict[str, Any]:
             detail = f"{exception.place}: {detail}"
     else:
         detail = "The log of the service has the cause." if kind.type == ServiceError.type else str(exception)
-    return kind.content(detail, found)
+    content = kind.content(detail, found)
+    return content | {"stopped_at_s": exception.time} if isinstance(exception, StepLimitError) else content
 
 
 def case_problem(exception: BaseException) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from functools import wraps
 from inspect import getfullargspec, isfunction
 from typing import Any, NamedTuple, TypeVar, get_args
 
-from solver.units import AMOUNT_DIGITS, WHOLE_DIGITS, Amount
+from solver.units import AMOUNT_DIGITS, WHOLE_DIGITS, Amount, whole_number
 
 Row = TypeVar("Row")
 
@@ -80,7 +80,22 @@ class IntegrationError(RicochetError):
 
 
 class StepLimitError(IntegrationError):
-    """Raised if an integration takes more steps than one run may."""
+    """Raised if an integration takes more steps than one run may.
+
+    Parameters
+    ----------
+    limit
+        Largest number of steps of a run.
+    time
+        Time of the motion that these steps reached. [s]
+    """
+
+    def __init__(self, limit: int, time: float) -> None:
+        super().__init__(limit, time)
+        self.limit, self.time = limit, time
+
+    def __str__(self) -> str:
+        return f"more than {whole_number(self.limit)} steps, stopped at {self.time:g} s"
 
 
 def plain(value: Any) -> Any:

@@ -40,7 +40,7 @@ from solver.time_integration import (
     integrate_fixed,
     make_linearisation,
 )
-from solver.units import Amount, whole_number
+from solver.units import Amount
 
 # A thinner plate fails by bending and tearing, which the model does not include.
 LEAST_THICKNESS = 0.1
@@ -307,7 +307,7 @@ def check_end(end: float, time: float) -> None:
     if end in OUTCOMES:
         return
     if end == Termination.STEP_LIMIT:
-        raise StepLimitError(f"more than {whole_number(STEP_LIMIT)} steps, stopped at {time:g} s")
+        raise StepLimitError(STEP_LIMIT, float(time))
     raise IntegrationError(
         f"the motion diverges at {time:g} s: it is no longer finite, or has gained as much energy as it had"
     )

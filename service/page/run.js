@@ -51,7 +51,7 @@ export function requestEnd(values, signal) {
 }
 
 /**
- * Request a trajectory. If the sampling interval is refused as too short for the termination time, the least one accepted is used;
+ * Request a trajectory. If the sampling interval is refused as too short for the termination time, the service chooses one;
  * if the step limit is reached, the trajectory is computed up to there, and ends in motion.
  */
 export async function requestStrike(body, signal) {
@@ -59,12 +59,10 @@ export async function requestStrike(body, signal) {
   try {
     return await send(body);
   } catch (error) {
-    const interval = body.output.sample_interval_s;
-    const [, least] = error.errors?.find(({ pointer }) => pointer === "/output/sample_interval_s")?.detail.match(/([\d.e-]+) ms, got/) ?? [];
-    if (1e-3 * least > interval) return send({ ...body, output: { ...body.output, sample_interval_s: 1.001e-3 * least } });
-    const [, stopped] = (error.type?.endsWith(":step-limit") && error.detail.match(/stopped at ([\d.e-]+) s/)) || [];
-    if (!stopped) throw error;
-    const time = Number((0.95 * Number(stopped)).toPrecision(3));
+    const { sample_interval_s: interval, ...output } = body.output;
+    if (interval && error.errors?.some(({ pointer }) => pointer === "/output/sample_interval_s")) return send({ ...body, output });
+    if (!error.stoppedAt) throw error;
+    const time = Number((0.95 * error.stoppedAt).toPrecision(3));
     const shorter = interval && Math.min(interval, time);
     return send({ ...body, output: { ...body.output, sample_interval_s: shorter }, numerics: { ...body.numerics, termination_time_s: time } });
   }

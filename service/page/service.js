@@ -9,9 +9,9 @@ export const keyNeeds = new EventTarget();
 
 /** A problem that the service returns instead of an answer (RFC 9457). */
 export class Problem extends Error {
-  constructor({ type, status, title, detail = "", errors = [] }, retryAfter) {
+  constructor({ type, status, title, detail = "", errors = [], stopped_at_s: stoppedAt }, retryAfter) {
     super(detail || title);
-    Object.assign(this, { name: "Problem", type, status, title, detail, errors, retryAfter });
+    Object.assign(this, { name: "Problem", type, status, title, detail, errors, stoppedAt, retryAfter });
   }
 }
 

@@ -4,10 +4,10 @@ from collections.abc import Iterable
 from functools import cache
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import MISSING, Field
 
 from service.columns import unit_end
-from service.schemas.quantities import Part, with_examples
+from service.schemas.quantities import Num, Part, with_examples
 
 TAGGED = frozenset({"distribution", "nose", "strength_factor"})
 """Fields that are unions. In a location inside one of them, pydantic inserts the name of the variant."""
@@ -106,3 +106,5 @@ class Problem(Part):
     """Path of the request."""
     errors: list[ProblemError]
     """Errors in the request body; empty if there are none."""
+    stopped_at_s: Num | MISSING = MISSING
+    """Time of the motion that the largest number of steps reached, only for the type `step-limit`. [s]"""

@@ -39,7 +39,7 @@ async def answer_to(error: Exception) -> httpx.Response:
     ("error", "status", "name"),
     [
         (ParameterError("projectile.length", "too short"), 422, "invalid-request"),
-        (StepLimitError("more than 10 steps"), 422, "step-limit"),
+        (StepLimitError(10, 0.02), 422, "step-limit"),
         (IntegrationError("no longer finite"), 422, "not-integrable"),
         (errors.TaskTimeoutError("more than 60 s"), 422, "timeout"),
         (errors.WorkerCrashedError("gave up"), 500, "worker-crashed"),
