@@ -35,7 +35,7 @@ from service.cli.parser import Parser, with_values
 from service.version import VERSION
 
 PLAIN = {"°": "deg", "−": "-", "θ": "theta", "±": "+/-", "×": "x", "–": "-", "…": "..."}
-"""Replacements for characters that the encoding of a terminal lacks and that Unicode does not decompose."""
+"""ASCII replacements for characters that the encoding of a terminal may lack."""
 
 
 COMPLETION = "_ARGCOMPLETE"
@@ -78,7 +78,7 @@ COMMANDS = (
 
 
 def add_version(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of `ricochet version`."""
+    """Set up the parser of `ricochet version`, which has no arguments."""
     parser.description = "Print the version of the package and of the solver; results can change with the latter."
     parser.epilog = examples("ricochet version")
     parser.set_defaults(run=print_versions)
@@ -115,9 +115,9 @@ def main(arguments: list[str] | None = None) -> int:
     atexit.register(gc.freeze)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # Small systems of equations are slower on several threads.
     os.environ.pop("MPLBACKEND", None)  # Plots go to files, and a notebook's backend might not be installed.
-    os.environ["MATPLOTLIBRC"] = os.devnull  # Figures have their own style.
+    os.environ["MATPLOTLIBRC"] = os.devnull  # Figures have their own style, whatever the user's.
     if COMPLETION in os.environ:
-        # The shell requests completions, and passes the line so far in a variable: `ricochet`, then the command.
+        # The shell asks for completions, and passes the line typed so far in a variable. Its first word is `ricochet`.
         arguments = os.environ.get("COMP_LINE", "").split()[1:]
     name = next((argument for argument in arguments if not argument.startswith("-")), "")
     try:
@@ -133,7 +133,7 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         return interrupted()
     except BrokenPipeError:
-        # The reader of the pipe, such as `head`, has closed it. The flush at exit would raise again.
+        # The reader of the pipe, such as `head`, has closed it. Without this line, the flush at exit would raise again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:  # This is most likely a full disk.

@@ -135,8 +135,8 @@ class InputFile(str):
 class Flag(NamedTuple):
     """A flag for one field of a case.
 
-    The flags are written out as a table, because making them from the models would add a second to every help text. A
-    test compares the table with the models: fields, choices, units, defaults and bounds.
+    The flags are written out as a table, because deriving them from the models would delay every help text by a second.
+    A test compares the table with the models: fields, choices, units, defaults and bounds.
 
     Parameters
     ----------
@@ -323,7 +323,6 @@ SHOWN_UNITS = Flag(
     metavar="SYSTEM",
     choices=tuple(UNITS),
 )
-"""Flag for the units of a report."""
 
 
 def add_case(parser: argparse.ArgumentParser, flags: Sequence[Flag]) -> None:
@@ -362,7 +361,7 @@ def add_numbers(parser: argparse.ArgumentParser, flags: Sequence[Flag]) -> Any:
 
 
 def add_verbose(parser: argparse.ArgumentParser, what: str) -> None:
-    """Add the flag `--verbose`, with its help text."""
+    """Add the flag `--verbose`; `what` is its help text."""
     parser.add_argument("-v", "--verbose", action="store_true", help=what)
 
 
@@ -376,7 +375,7 @@ def add_alternatives(parser: argparse.ArgumentParser) -> None:
 
 
 def add_url(parser: argparse.ArgumentParser, default: str = "compute locally") -> None:
-    """Add the flag `--url`; `default` describes in its help text what the command does without it."""
+    """Add the flag `--url`. In its help text, `default` says what the command does without the flag."""
     parser.add_argument(
         "--url",
         default=os.environ.get(URL) or None,

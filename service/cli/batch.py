@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from service.cli.client import Content
 
 READ_SIZE = 256 * 1024
-"""Size of the pieces in which a file is read [bytes]. The service validates lines in blocks of the same size."""
+"""Size of the pieces in which a file is read [bytes]. The service validates lines once it has received this many."""
 JSONL = "application/jsonl"
 TABLES = frozenset({".csv", ".tsv", ".xlsx"})
 """File extensions of tables of cases."""
@@ -45,7 +45,7 @@ MAX_POINTS = 100_000
 
 
 class SweepAxis(NamedTuple):
-    """An axis of a sweep: field, values, text as typed, and content as sent."""
+    """An axis of a sweep: field, values, text as typed, and JSON content as sent."""
 
     field: str
     values: list[float]
@@ -160,7 +160,6 @@ def _path(args: argparse.Namespace, kind: str = "batch") -> str:
 
 
 def _request(args: argparse.Namespace, cases: Sequence[bytes], inputs: Inputs) -> BatchRequest:
-    """Return the batch request for the valid cases."""
     return BatchRequest(_path(args), lambda: b"\n".join(cases), JSONL, inputs=inputs)
 
 
@@ -201,7 +200,7 @@ def _cases_of_table(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
 def _described(
     table: "CaseTable", errors: Mapping[int, Sequence[Mapping[str, str]]], base: RequestBody
 ) -> Iterator[str]:
-    """Yield the errors of a table and of the file of `--case`. Missing fields without a column are reported once."""
+    """Yield the errors of a table and of the `--case` file. Missing fields without a column are reported once."""
     missing = {each["pointer"] for found in errors.values() for each in found if each["detail"] == MISSING}
     everywhere = {pointer for pointer in missing if not table.gives(pointer)}
     for pointer in sorted(everywhere):
@@ -213,7 +212,7 @@ def _described(
 
 
 def _describe(table: "CaseTable", number: int, error: Mapping[str, str], base: RequestBody) -> str:
-    """Return the message for an error in a row of a table or in the file of `--case`, beginning with its place."""
+    """Return the message for an error in a row of a table or in the `--case` file, beginning with its place."""
     pointer, detail, row = error["pointer"], error["detail"], table.rows[number]
     in_file = base.describe(pointer, detail) if pointer and base.value_at(pointer) is not None else ""
     place = f"{table.path}:{row.line}: {pointer}".removesuffix(": ")
@@ -242,7 +241,7 @@ def _cases_of_lines(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
 def _left_out(
     errors: Mapping[int, Sequence[Mapping[str, str]]], names: Mapping[int, str], path: str
 ) -> dict[int, dict[str, Any]]:
-    """Return the items of invalid cases, with the problem that a service would return."""
+    """Return a result item for each invalid case, with the problem that a service would report."""
     from service.errors import InvalidBodyError, problem_of
 
     items: dict[int, dict[str, Any]] = {}
@@ -255,7 +254,7 @@ def _left_out(
 
 def bad_rows(errors: Iterable[str], *, some_good: bool) -> CommandError:
     """Return an error with up to `MAX_LISTED` messages, and a line about `--skip-bad` if some rows are valid."""
-    found = list(dict.fromkeys(errors))  # An error in the file of `--case` occurs in every row.
+    found = list(dict.fromkeys(errors))  # An error in the `--case` file occurs in every row.
     lines = found[:MAX_LISTED]
     if len(found) > MAX_LISTED:
         lines.append(f"and {sentence_number(len(found) - MAX_LISTED)} more")
@@ -279,7 +278,7 @@ def _read_pieces(file: Path) -> Iterator[bytes]:
 
 
 def _explain_lines(args: argparse.Namespace, error: RefusedError, read: "Content") -> CommandError:
-    """Return an error that lists all invalid lines. The service reports only the first, numbered from 0."""
+    """Return an error that lists the invalid lines. The service reports only the first, and counts lines from 0."""
     from service.cli.local import wrong_cases
 
     content = read()
@@ -325,7 +324,7 @@ def run_sweep(args: argparse.Namespace) -> int:
 
 
 def _compute_sweep(args: argparse.Namespace, content: dict[str, Any], writers: Sequence[Writer]) -> int:
-    """Compute a small sweep in this process, unless its results are to be kept; run any other as a job."""
+    """Run a sweep as a job, or in this process if it is small and neither `--url` nor `--data-dir` is given."""
     if not args.url and not args.data_dir:
         from service.cli import local
 
@@ -365,7 +364,7 @@ def read_axis(text: str) -> SweepAxis:
 
 
 def _linspace(start: float, stop: float, count: int) -> list[float]:
-    """Return evenly spaced values, computed as in the service, so that keys and plots agree to the last bit."""
+    """Return `count` evenly spaced values from `start` to `stop`, computed as the service does."""
     if not 1 <= count <= MAX_POINTS:
         raise ValueError(count)
     if count == 1:
@@ -375,7 +374,7 @@ def _linspace(start: float, stop: float, count: int) -> list[float]:
 
 
 def _fill(body: dict[str, Any], axes: Sequence[SweepAxis]) -> dict[str, Any]:
-    """Set missing fields of the axes to their first value, because the base of a sweep must be a valid request."""
+    """Set each missing field of an axis to its first value, because the base of a sweep must be a valid request."""
     for axis in axes:
         *steps, last = axis.field.split(".")
         parent: Any = body

@@ -214,7 +214,7 @@ def _fields(quantities: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _compared_tables(answer: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the compared motions as tables, with the number of the run if there are several."""
+    """Return the compared motions as tables, with a run number if several runs were fitted."""
     if "runs" not in answer:
         return [{"strength_factor": each["strength_factor"], **each["history"]} for each in answer["compared"]]
     return [
@@ -225,7 +225,10 @@ def _compared_tables(answer: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _with_impacts(answer: Mapping[str, Any], inputs: Sequence[_Input]) -> dict[str, Any]:
-    """Add the oblique angle, which `calibrate obliquity` needs, to an answer; with several runs also file and speed."""
+    """Add the oblique angle, which `calibrate obliquity` needs, to an answer.
+
+    If there are several runs, each gets its file, angle and speed instead.
+    """
     if "runs" not in answer:
         return {"oblique_angle_deg": inputs[0].impact["oblique_angle_deg"], **answer}
     runs = [
@@ -354,7 +357,7 @@ def _print_motion(inputs: Sequence[_Input], answer: Mapping[str, Any], args: arg
 
 
 def _print_quantities(run: Mapping[str, Any]) -> None:
-    """Print the root-mean-square residual of each measured quantity, for a single run."""
+    """Print the root-mean-square residual and the explained variance of each measured quantity of a single run."""
     rows = []
     for name, value in run["root_mean_square"].items():
         scatter = f"{value:.2f}°" if name == "rotation_deg" else f"{1e3 * value:.1f} mm"
@@ -366,7 +369,7 @@ def _print_quantities(run: Mapping[str, Any]) -> None:
 def _print_runs(
     inputs: Sequence[_Input], runs: Sequence[Mapping[str, Any]], laws: Sequence[Mapping[str, Any]], requested: str
 ) -> None:
-    """Print the fit of each run with its own strength factor and with the common one."""
+    """Print the fit of each run with the strength factor fitted to it alone and with the common one."""
     own, rows = next(law["runs"] for law in laws if law["free_surface"] == requested), []
     for each, run, fitted in zip(inputs, runs, own, strict=True):
         cells = ["", ""]

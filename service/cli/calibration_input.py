@@ -36,13 +36,13 @@ SHORT_NAMES = {
     "lateral": ("lateral_displacement",),
     "displacement": ("depth_displacement", "lateral_displacement"),
 }
-"""Short names of the quantities of a motion."""
+"""Quantities of a motion, by the short names that flags accept."""
 NOT_USED = ("output", "search", "custom_id")
 """Fields of a case that a calibration ignores."""
 DATA = ("tests", "history", "runs", "points")
 """Fields of a calibration that come from a data file."""
 NOT_FITTED = frozenset({"/tests", "/history", "/runs"})
-"""Pointers to the whole data of a fit. An error with such a pointer means that valid data cannot be fitted."""
+"""Pointers to the data of a fit as a whole. An error with such a pointer means that valid data cannot be fitted."""
 VERBOSE = "print the warnings in full, with the standing notes"
 CSV_FILES = (
     "Columns are found by their names, with the unit at the end (time_s, depth_displacement_mm, rotation_deg, "
@@ -262,7 +262,7 @@ class StrikeCalibration(Calibration):
 
 @dataclass(frozen=True)
 class CalibrationBody(RequestBody):
-    """Request body of a calibration with the origin of its fields.
+    """Request body of a calibration, with the flag or the file from which each field comes.
 
     Parameters
     ----------
@@ -294,9 +294,9 @@ class CalibrationBody(RequestBody):
 def calibration_body(
     args: argparse.Namespace, model: type[CalibrationT], flags: Sequence[Flag], data_file: str
 ) -> tuple[CalibrationBody, CalibrationT]:
-    """Return the request body of a fit without its data, from flags and the file of `--case`, and its validated form.
+    """Return the request body of a fit without its data, from flags and the `--case` file, and its validated form.
 
-    It is validated before the data are read, because the data are checked against the projectile and the impact.
+    The body is validated before the data are read, because the data are checked against the projectile and the impact.
 
     Raises
     ------
@@ -304,7 +304,7 @@ def calibration_body(
         If the file holds no JSON object or a field is invalid; the message names the flag or the pointer.
     """
     case = read_body(args.case, args, flags)
-    # These fields are ignored rather than refused, so that a strike file serves for its calibration too.
+    # These fields are ignored rather than refused, so that a strike file can also be used for a calibration.
     content = {name: value for name, value in case.content.items() if name not in NOT_USED}
     if "impact" not in model.model_fields:
         content.pop("impact", None)

@@ -63,9 +63,10 @@ NEEDED = frozenset(
     )
 )
 """Fields whose columns must not have empty cells: a gap is more likely a mistake than a request for the value in the
-file of `--case`."""
+`--case` file."""
 MAX_SHOWN = 40
-"""Number of characters of a header that are quoted in an error and compared with field names, about half a line."""
+"""Largest number of characters of a header or a cell that are quoted in an error, about half a line. A header is also
+cut to this length before it is compared with the names of fields."""
 MAX_COLUMNS = 10
 """Largest number of columns named in one error, a rough choice: a longer list would not be read."""
 
@@ -128,13 +129,13 @@ class CaseTable:
     rows: Sequence[Row]
 
     def gives(self, pointer: str) -> bool:
-        """Return True if a column sets a field or a part of it."""
+        """Return True if a column sets the field at a pointer or a part of it."""
         return any(f"{column.pointer}/".startswith(f"{pointer}/") for column in self.columns if column.steps)
 
     def described(self, row: Row, pointer: str, detail: str) -> str:
         """Return an error message that begins with the place of the cell; empty if no cell sets the field."""
         name, _, of_model = detail.removeprefix("`").partition("` ")
-        if of_model:  # The error of an unknown model points to the part; the cell at fault has the model's name.
+        if of_model:  # The error of an unknown model points to the whole part, but the cell at fault is the model's.
             pointer, detail = f"{pointer}/{name}", of_model
         for column, cell in zip(self.columns, row.cells, strict=True):
             if column.steps and column.pointer == pointer:

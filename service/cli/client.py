@@ -21,10 +21,10 @@ API_KEY = "RICOCHET_API_KEY"
 TIMEOUT = httpx.Timeout(120.0, connect=10.0)
 """Timeouts of a request [s], above the limits of a single query: 30 s in the queue and 60 s of computation."""
 RETRY_PAUSES = (1.0, 2.0, 4.0, 8.0, 10.0, 10.0, 10.0)
-"""Backoff before a request is repeated after a lost connection. [s] The 45 s in all are enough for a restart of the
-service, which takes seconds, unless it has to compile the solver, which takes about a minute."""
+"""Backoff before each retry after a lost connection [s]. The sum of 45 s is enough for a restart of the service, which
+takes seconds, unless the service has to compile the solver, which takes about a minute."""
 LONGEST_PAUSE = 60.0
-"""Longest `Retry-After` that is obeyed, so that a wrong value cannot stop the command for hours. [s]"""
+"""Longest wait for a `Retry-After` [s]. Without a limit, a wrong value could stop the command for hours."""
 BUSY = frozenset({429, 503})
 """Statuses after which a request is retried."""
 NOT_IN_KEYS = re.compile(r"[^!-~]|[\"']")
@@ -39,7 +39,7 @@ PAGE_SIZE = 1000
 UNFINISHED = frozenset({"accepted", "running"})
 """Statuses of a job that has not ended."""
 POLL_SECONDS = 0.2
-"""Interval between requests for the state of a job, a rough choice: a progress bar moves five times a second. [s]"""
+"""Interval between requests for the state of a job [s]. A rough choice: a progress bar moves five times a second."""
 JSON, PARQUET = "application/json", "application/vnd.apache.parquet"
 
 Content: TypeAlias = Callable[[], "bytes | Iterable[bytes]"]
@@ -51,7 +51,7 @@ once."""
 def connect(address: str, *, socket: str | None = None, **options: Any) -> Iterator["Client"]:
     """Open a client for the service at an address, or at the path of a Unix domain socket.
 
-    Error messages never quote those of httpx, which contain headers and URLs with the secrets in them.
+    Its error messages do not quote those of httpx, which can contain secrets from headers and URLs.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def wrong_variables(error: Exception) -> str:
 
 
 class Client:
-    """Client of a service, which repeats requests while the service is busy or restarting.
+    """Client that retries requests while the service is busy or restarting.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ class Client:
     async def compute_until_cancelled(
         self, http: httpx.AsyncClient, operation: str, body: dict[str, Any]
     ) -> dict[str, Any]:
-        """Return the answer to one case. A busy service is not retried; its problem gets the field `retry_after_s`."""
+        """Return the answer to one case. If the service is busy, raise its problem with a field `retry_after_s`."""
         try:
             response = await http.post(path_to(operation), content=dumps(body), headers={"Content-Type": JSON})
         except httpx.TransportError as lost:
@@ -306,7 +306,7 @@ def refusal(response: httpx.Response) -> RefusedError:
 
 
 def retry_pause(response: httpx.Response) -> float:
-    """Return the time to wait before a request is repeated. [s]"""
+    """Return the time to wait before a request is retried [s]."""
     seconds = response.headers.get("Retry-After", "")
     # `Retry-After` may also be a date, which this service does not send; the pause is then one second.
     return min(float(seconds) if seconds.isdigit() else 1.0, LONGEST_PAUSE)

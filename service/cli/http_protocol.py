@@ -10,8 +10,8 @@ from httptools import HttpParserUpgrade, HttpRequestParser
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
 MAX_HEAD_BYTES = 64 * 1024
-"""Longest incomplete head of a request [bytes]. Without a limit, a client could fill the memory with one header. It is
-twice the limit of the application, which therefore answers a head that arrives in one piece with a problem document."""
+"""Longest incomplete head of a request [bytes]. Without a limit, a client could fill the memory with one header. The
+application refuses heads of more than half this size with a problem document, which says more than the status alone."""
 TOO_LONG = b"HTTP/1.1 431 Request Header Fields Too Large\r\ncontent-length: 0\r\nconnection: close\r\n\r\n"
 
 
@@ -25,7 +25,7 @@ class RequestParser(HttpRequestParser):
         self.set_dangerous_leniencies(lenient_data_after_close=True)
 
     def feed_data(self, data: Any) -> None:
-        """Parse some bytes. Those after an offered upgrade are left to the protocol."""
+        """Parse received bytes. Those after an offered upgrade are left to the protocol."""
         try:
             super().feed_data(data)
         except HttpParserUpgrade as offer:
@@ -49,13 +49,13 @@ class HttpProtocol(HttpToolsProtocol):
         """Bytes to be parsed again by the new parser."""
 
     def data_received(self, data: bytes) -> None:
-        """Parse some bytes; refuse a head that is too long."""
+        """Parse received bytes, and refuse a head that is too long."""
         begun = self.headers if self._in_head else None
         super().data_received(data)
-        while again := self._declined:  # Recursion could overflow the stack: thousands of requests may be pipelined.
+        while again := self._declined:  # Recursion could overflow the stack, as thousands of requests may be pipelined.
             self._declined = b""
             super().data_received(again)
-        if not self._in_head or self.headers is not begun:  # Each request has its own list, so this head is new.
+        if not self._in_head or self.headers is not begun:  # Each request has its own list, so this is a new head.
             return
         self._head_bytes += len(data)
         if self._head_bytes > MAX_HEAD_BYTES and not self.transport.is_closing():

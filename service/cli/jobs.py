@@ -39,8 +39,8 @@ if TYPE_CHECKING:
 
 DEFAULT_URL = "http://127.0.0.1:8000"
 SHORTEST_PAUSE, LONGEST_PAUSE = 0.05, 0.5
-"""Shortest and longest interval between requests for new results of a job [s]. The interval doubles while there are
-none. A rough choice: the end of a small job is noticed at once, and a long one costs two requests a second."""
+"""Shortest and longest interval between requests for new results of a job [s]. The interval doubles each time there are
+none. A rough choice: the end of a small job is noticed at once, and a long one is polled only twice a second."""
 ACTIONS = (
     ("list", "list the jobs, the newest first", "ricochet jobs list"),
     ("show", "print the state of a job", "ricochet jobs show ID --json"),
@@ -126,7 +126,7 @@ class BatchRequest:
     Parameters
     ----------
     path
-        Route of the service.
+        Route of the batch or the sweep.
     content, media_type
         Body and its media type.
     writers
@@ -152,7 +152,7 @@ def run_batch(args: argparse.Namespace, request: BatchRequest) -> int:
         try:
             return follow(client, job, args, stream, request)
         finally:
-            # The private service ends here, so the job is of no further use. Its results stay in the cache.
+            # The private service ends here, so the job is of no further use. Results in a data folder are kept.
             with suppress(CommandError):
                 client.delete(job["id"])
 
@@ -198,7 +198,7 @@ def kept_rows(args: argparse.Namespace, stream: TextIO, counts: Counts, total: i
     try:
         yield
     except BaseException:
-        if args.output and Path(stream.name).stat().st_size:  # All writers flush what they write.
+        if args.output and Path(stream.name).stat().st_size:  # A workbook is empty until it is saved.
             print(f"{sentence_number(counts.total)} of {sentence_number(total)} rows in {stream.name}", file=sys.stderr)
         raise
 

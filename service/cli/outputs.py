@@ -45,9 +45,9 @@ class OutputFile:
     Parameters
     ----------
     flag
-        Flag for messages.
+        Flag or argument that error messages name.
     endings
-        Accepted file extensions. If they are mapped to format flags, any file name is accepted with such a flag.
+        Accepted file extensions. If they are mapped to format flags, any extension is accepted with one of these.
     text
         Path as typed.
     """
@@ -110,7 +110,7 @@ class OutputFile:
 
     @contextmanager
     def open(self, *, keep: bool = False) -> Iterator[TextIO]:
-        """Open a temporary file in the same folder, which replaces this file at the end of the block.
+        """Open a temporary file, which replaces this file at the end of the block.
 
         A reader never sees a partial file, and a failure leaves the existing file unchanged. Links are followed, and
         the mode is kept. Anything but a regular file, such as a pipe, is written in place.
@@ -202,7 +202,7 @@ def _replace(path: Path, partial_name: str, before: os.stat_result | None) -> No
     except OSError:
         if before is None:
             raise
-        # Renaming cannot replace a mount point, and cannot move a file from another file system.
+        # Renaming cannot replace a mount point, and cannot move a file to another file system.
         shutil.copyfile(partial_name, path)
         Path(partial_name).unlink()
 
@@ -299,7 +299,7 @@ def _is_standard(output: OutputFile) -> bool:
 
 @contextmanager
 def one_answer(args: argparse.Namespace) -> Iterator[None]:
-    """Redirect the output of a command with one answer to the file of `--output`, which is written at the end.
+    """Redirect the output of a command with one answer to the `--output` file, which is written at the end.
 
     Commands with many answers write their file as results become available.
     """
@@ -316,7 +316,7 @@ def one_answer(args: argparse.Namespace) -> Iterator[None]:
 
 @contextmanager
 def open_output(args: argparse.Namespace) -> Iterator[TextIO]:
-    """Open the file of `--output` for many results, or standard output.
+    """Open the `--output` file for many results, or standard output.
 
     Raises
     ------

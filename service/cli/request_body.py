@@ -30,7 +30,7 @@ SOUGHT = {"thickness": ("target", "thickness_m"), "limit-speed": ("impact", "vel
 
 @dataclass(frozen=True, slots=True)
 class RequestBody:
-    """A request body with the origin of its fields.
+    """A request body, with the flag or the file from which each field comes.
 
     Parameters
     ----------
@@ -222,7 +222,7 @@ def read_object(file: str | Path) -> dict[str, Any]:
         raise CommandError(f"{file}: not TOML: {error}") from None
     except json.JSONDecodeError as error:
         raise CommandError(f"{file}:{error.lineno}: not JSON: {error.msg}") from None
-    except ValueError:  # Python limits the digits of an integer, as the time of conversion grows with their square.
+    except ValueError:  # Python limits the digits of an integer, since the conversion takes quadratic time.
         raise CommandError(f"{file}: holds a number of more than 4300 digits") from None
     except RecursionError:
         raise CommandError(f"{file}: nested too deep") from None
@@ -232,7 +232,7 @@ def read_object(file: str | Path) -> dict[str, Any]:
 
 
 def _parse_toml(text: str) -> Any:
-    """Parse TOML to JSON values. A date becomes a string, which no field accepts."""
+    """Parse TOML to JSON values. Dates and times become strings."""
     if DEEP_KEY.search(QUOTED.sub("x", text)):
         raise RecursionError
     return json.loads(json.dumps(tomllib.loads(text), default=str))

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 NOT_STARTED = 3
 """Exit status of a service that could not start, by which a service manager can tell it from a later failure."""
 READ_BYTES = 64 * 1024
-"""Size of the pieces in which standard input is read, the capacity of a pipe on Linux. [bytes]"""
+"""Size of the pieces in which standard input is read [bytes]: the capacity of a pipe on Linux."""
 CONTRACT = Path("openapi/openapi.json")
 
 log = logging.getLogger(__name__)

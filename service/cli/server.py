@@ -30,7 +30,7 @@ from solver.compilation import compilation_progress
 SOCKET_FOLDER_BYTES = 70
 """Longest path of the folder of a socket [bytes]. The names below it take 25; macOS allows 103 in all, Linux 107."""
 TICK_SECONDS = 0.1
-"""Interval between checks for a signal during a slow start, short enough for SIGTERM to seem immediate. [s]"""
+"""Interval between checks for a signal during a slow start [s], short enough for SIGTERM to seem immediate."""
 MAX_CONNECTIONS = 800
 """Largest number of open connections. Each takes 10 kB and a file descriptor; the usual limit of 1,024 descriptors
 leaves the rest for files and workers. Further connections are answered with 503."""
@@ -40,7 +40,7 @@ never sends a request on a connection that is being closed here."""
 TERMINATED = 143
 """Exit status after SIGTERM, as reported by shells: 128 plus the number of the signal."""
 PROGRESS_SECONDS = 5.0
-"""Interval between log entries while the solver is compiled, a rough choice: compilation takes about a minute. [s]"""
+"""Interval between log entries while the solver is compiled [s]. A rough choice: compilation takes about a minute."""
 
 log = logging.getLogger(__name__)
 

@@ -206,7 +206,7 @@ def print_json(answer: bytes) -> None:
 
 
 def motion_sentence(answer: Mapping[str, Any], oblique_angle: float) -> str:
-    """Return a sentence with the outcome of a strike at an oblique angle. [°]"""
+    """Return a sentence with the outcome of a strike; `oblique_angle` is in degrees."""
     after = f"after {sentence_number(1e3 * answer['final']['time_s'], 3)} ms"
     if (left := answer.get("exit")) is None:
         end = f"{sentence_number(1e3 * answer['maximum_depth_m'], 3)} mm deep {after}"

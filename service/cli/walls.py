@@ -122,7 +122,7 @@ def _print(args: argparse.Namespace, text: bytes, value: str, said: list[str]) -
 
 
 def _found(answer: Mapping[str, Any], value: str) -> dict[str, Any]:
-    """Return the numbers of a search by name. They serve to compare models, not to design walls."""
+    """Return the status, result and bracket of a search by name. They are for comparing models, not for design."""
     found: dict[str, Any] = {"status": named(STATUSES, answer["status"])}
     if value in answer:
         bracket = BRACKETS[value]

@@ -320,7 +320,7 @@ def print_csv(columns: Mapping[str, Sequence[Any]], digits: int | None) -> None:
 
 
 def print_table(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """Print a table with numbers aligned right, and with rules if it is printed on a terminal.
+    """Print a table with numbers aligned right, and with rules if standard output is a terminal.
 
     Parameters
     ----------
@@ -348,7 +348,7 @@ def print_values(values: Mapping[str, Any]) -> None:
 
 
 def print_warnings(warnings: Iterable[Mapping[str, Any]], *, verbose: bool) -> None:
-    """Print warnings on standard error, as one line of codes, or with `verbose` in full with standing notes."""
+    """Print warnings on standard error: one line of codes or, if `verbose`, the full texts and the standing notes."""
     special, standing = _apart(warnings)
     if verbose:
         for warning in special:

@@ -99,7 +99,7 @@ def read_depth_tests(
     units
         Units by quantity, for headers without a unit; the default is SI.
     diameter
-        Diameter of the projectile, to find implausible depths. [m]
+        Diameter of the projectile. Depths that are implausible for it are refused. [m]
     grouped
         True if a column names the group of each test.
 
@@ -230,8 +230,8 @@ MOTION = (
     Quantity("rotation", ANGLE),
 )
 MAX_SPEED_RATIO, MIN_SPEED_RATIO = 1.5, 0.1
-"""Largest plausible ratio of the mean speed up to a row to the initial speed, and smallest ratio at half of the
-displacement [1]. The bounds are wide (a rough choice), as wrong units are mostly off by a factor of 1000."""
+"""Largest plausible mean speed up to any row, and smallest one up to half of the displacement, relative to the initial
+speed [1]. The bounds are wide (a rough choice), as wrong units are mostly off by a factor of 1000."""
 
 ROTATION_SCATTER = math.radians(5.0)
 """Allowance for the scatter of measured rotations, a rough choice. [rad]"""
@@ -283,7 +283,7 @@ def read_motion(
     Raises
     ------
     FileError
-        If the file does not hold a valid history; the error names the line.
+        If the file does not hold a valid history; the error names the line or, in a binary file, the state.
     """
     content = sheet_as_csv(path) if is_workbook(path) else read_bytes(path)
     states = _read_dyna(path, content, part, node)
@@ -319,7 +319,7 @@ def _read_dyna(path: str | Path, content: bytes, part: int | None, node: int | N
 
 
 def _to_si(readings: Readings, units: Mapping[str, str]) -> Readings:
-    """Convert columns from the units of a model to SI."""
+    """Convert columns from the units of a finite element model to SI."""
     try:
         factors = {q.name: factor_to_si(q, units[q.name]) for q in MOTION if q.name in units}
     except UnknownUnitError as error:
@@ -341,7 +341,7 @@ def _check_rows(readings: Readings, contact: float | None) -> None:
 
 
 def _since(readings: Readings, contact: float) -> Readings:
-    """Return the columns with time and displacements from first contact. The contact may lie between two rows."""
+    """Return the columns with all quantities measured from first contact, which may lie between two rows."""
     time = readings.values["time"]
     if not time[0] <= contact < time[-1]:
         raise FileError(

@@ -80,7 +80,8 @@ class States:
     rotation
         (n, 3) Rotations; None if the file has none. [rad]
     lines, rotation_lines
-        Line of the displacements and of the rotations of each state; None for binary files.
+        Line of the displacements and of the rotations of each state, both None for binary files. `rotation_lines` is
+        also None if the rotations are on the same lines.
 
     Notes
     -----
@@ -157,7 +158,7 @@ BARE_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d{3})$")
 RBDOUT_MARK = "r i g i d   b o d y   m o t i o n"
 RBDOUT_STATE = re.compile(r"\s*r i g i d +b o d y +m o t i o n +a t +cycle= *\S+ +time= *(?P<time>\S+)\s*")
 SWITCHED = "a part that is switched to deformable is not a rigid body"
-"""Hint in the error for a body that is missing in states in the middle of a file."""
+"""Hint in the error for a body that states in the middle of a file lack."""
 BODY = re.compile(r"\s*(nodal )?rigid body\s+(?P<body>\d{1,18})\b.*")
 DISPLACEMENT_LINE = re.compile(r"\s*displacements:(?P<numbers>.*)")
 
@@ -179,7 +180,7 @@ def read_rbdout(path: str | Path, lines: Sequence[str], part: int | None) -> Sta
     """
     starts: list[int] = []
     times: list[float] = []
-    rows: list[tuple[int, int, int, str]] = []  # Body, state, line and numbers.
+    rows: list[tuple[int, int, int, str]] = []  # Each row holds body, state, line and numbers.
     body: int | None = None
     for line, text in enumerate(lines, 1):
         if found := RBDOUT_STATE.fullmatch(text):
@@ -324,7 +325,9 @@ def is_binout(content: bytes) -> bool:
 
 
 def read_binout(path: str | Path, content: bytes, part: int | None, node: int | None) -> States:
-    """Read the motion of one rigid body, or of one node if its id is given.
+    """Read the motion of one rigid body or of one node.
+
+    Without an id of either, a node is read only if the file has no rigid bodies.
 
     Raises
     ------
@@ -379,11 +382,11 @@ def _continuations(path: str | Path) -> Iterator["Lsda"]:
 
 
 def _ids_of_states(files: Sequence["Lsda"], folders: Sequence["Folder"], database: str) -> list[FloatArray]:
-    """Return the ids of the bodies of each state, in the order of their values; states with equal ids share an array.
+    """Return the ids of the bodies in each state, in the order in which the state lists their values.
 
-    The ids are taken from the state itself or, if it has none, from the metadata last written before it. LS-DYNA
-    writes the metadata again when a part is switched between rigid and deformable, and in each file that continues a
-    run.
+    States with equal ids share an array. The ids are taken from the state itself or, if it has none, from the metadata
+    last written before it. LS-DYNA writes the metadata again when a part is switched between rigid and deformable, and
+    in each file that continues a run.
     """
     known: list[FloatArray] = []
     latest: FloatArray | None = None

@@ -1,4 +1,4 @@
-"""Reading of files as bytes, lines and columns of numbers, and an error that names the file and the line."""
+"""Files read as bytes, lines and columns of numbers, and an error that names the file and the line."""
 
 import itertools
 import re
@@ -47,7 +47,7 @@ MOTION_FILES = "the motion of a body is in rbdout, nodout or binout"
 
 
 MAX_REASON = 500
-"""Longest error reason before it is truncated, a rough choice [characters]. A reason may quote a cell of any length."""
+"""Longest reason of an error, which is truncated to it [characters]. A rough choice: a reason may quote a long cell."""
 
 
 class FileError(Exception):

@@ -403,7 +403,7 @@ def _find_one(table: Table, quantity: Quantity, name: str | None, unit: str | No
 
 
 def _check_absent(table: Table, quantity: Quantity, wanted: str | None) -> None:
-    """Raise an error if a missing quantity is required, or if a column that is not read has its name."""
+    """Raise an error if a missing quantity is required or its header was given, or an unread column has its name."""
     if wanted is None:
         for cell in table.header:
             for name in quantity.names:

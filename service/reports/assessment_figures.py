@@ -36,7 +36,7 @@ ONE_LINE: dict[str, Any] = {
     "handletextpad": 0.4,
     "borderpad": 0.2,
 }
-"""Options of a legend below a picture, whose entries fit on one line."""
+"""Options of a legend below a figure, with which its entries fit on one line."""
 PAGE = 7.2
 """Width of the page between its margins. [in]"""
 
@@ -64,7 +64,7 @@ def sketch(projectile: Projectile, *, oblique_deg: float, attack_deg: float, thi
     body, length = silhouette(projectile), projectile.length
     lateral = -body[:, 0] * math.sin(axis) + body[:, 1] * math.cos(axis)
     depth = -body[:, 0] * math.cos(axis) - body[:, 1] * math.sin(axis)
-    # At first contact the lowest point touches the face; with a large angle it is an edge rather than the tip.
+    # At first contact the deepest point touches the face. At a large angle it is on an edge rather than at the tip.
     depth -= max(depth.max(), 0.0)
     below = 0.6 * length if thickness is None else min(max(1.2 * thickness, 0.45 * length), 1.2 * length)
     side = 0.12 * length
@@ -90,7 +90,7 @@ def sketch(projectile: Projectile, *, oblique_deg: float, attack_deg: float, thi
 
 
 def _arc(axes: Axes, radius: float, start_deg: float, stop_deg: float) -> None:
-    """Draw the arc of an angle from the inward normal; depth grows downwards."""
+    """Draw the arc between two angles from the inward normal, in axes whose depth grows downwards."""
     ends = sorted((90.0 - start_deg, 90.0 - stop_deg))
     axes.add_patch(Arc((0.0, 0.0), 2.0 * radius, 2.0 * radius, theta1=ends[0], theta2=ends[1], linewidth=0.9))
 
@@ -146,14 +146,14 @@ class _ScaledTicks(AutoLocator):
 
 
 def _tick_in(axes: Axes, factor: float) -> None:
-    """Label axes whose data are in metres in another unit; `factor` converts metres to that unit."""
+    """Label axes in a unit other than the metres of their data; `factor` converts metres to that unit."""
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(_ScaledTicks(factor))
         axis.set_major_formatter(lambda value, _: f"{value * factor:.6g}".replace("-", "\N{MINUS SIGN}"))
 
 
 def _widened(frame: Frame, width: float) -> Frame:
-    """Return a view widened to at least `width`, which leaves room for its title. [m]"""
+    """Return a view widened to at least `width` [m], which leaves room for its title."""
     left, right, top, bottom = frame
     more = max(0.5 * (width - (right - left)), 0.0)
     return left - more, right + more, top, bottom

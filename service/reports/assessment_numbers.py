@@ -31,7 +31,7 @@ def lookup(content: Any, pointer: str) -> Any:
 class Numbers:
     """Formatter of numbers for the report. Attributes in the HTML hold the pointer and all digits of each number.
 
-    Callers name SI units, such as ``mm``; numbers are shown in the system of units that `solver.units` has in use.
+    Callers name SI units, such as ``mm``; numbers are shown in the system of units that is in use in `solver.units`.
 
     Parameters
     ----------

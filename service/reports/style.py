@@ -109,7 +109,7 @@ def tip_path(
     lateral_displacement: FloatArray,
     axis_angle: FloatArray,
 ) -> TipPath:
-    """Return the path of a nose tip that touches the face first.
+    """Return the path of the nose tip, which follows from the motion of the centre of gravity.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def draw_path(axes: Axes, projectile: Projectile, path: TipPath, instants: Seque
 def draw_concrete(
     axes: Axes, *, lateral: tuple[float, float], depth: tuple[float, float], thickness: float | None = None
 ) -> None:
-    """Set the limits of a view, and draw the target: a wall if a thickness is given, otherwise a half-space. [m]"""
+    """Set the limits [m] of a view, and draw the target: a wall if a thickness is given, otherwise a half-space."""
     axes.set(xlim=lateral, ylim=(depth[1], depth[0]), aspect="equal")
     back = depth[1] if thickness is None else min(thickness, depth[1])
     axes.axhspan(0.0, back, color=CONCRETE, zorder=0)

@@ -35,7 +35,7 @@ from solver.calibration import ObliquityPoint as SolverPoint
 from solver.checks import ParameterError
 
 MOST_TESTS = 1000
-"""Largest number of tests, four times the 251 published tests to which the law of S was fitted."""
+"""Largest number of tests, about four times the 251 published tests to which the law of S was fitted."""
 CURVE_POINTS = 21
 """Number of points of a curve of depth against velocity, enough for a smooth plot."""
 # An extension by a fifth on either side shows the trend of the curve without extrapolating far from the tests.
@@ -242,8 +242,8 @@ class ObliquityPoint(SolverPart[SolverPoint]):
     oblique_angle_deg: Obliquity
     """Angle between the velocity and the inward normal. [°]"""
     strength_factor: StrengthFactorValue
-    # The upper bound is the same as for a strength factor. The lower bound keeps the weight, its inverse square,
-    # finite.
+    # The upper bound is the same as for a strength factor. The lower bound keeps the weight of the point, the inverse
+    # square of the error, finite.
     standard_error: Annotated[Num, Field(ge=1e-6, le=1000.0)] | MISSING = MISSING
     """Standard error of the strength factor, given for all points or for none. [1]"""
 

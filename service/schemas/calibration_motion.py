@@ -83,7 +83,7 @@ class Calibration(Part):
         return TERMINATION_TIME if end is MISSING else end
 
     def panel_steps(self) -> float:
-        """Return the largest product of panels and time steps of one run; 0 with the adaptive method. [1]"""
+        """Return the panels times the time steps of the longest run; 0 with the adaptive method. [1]"""
         numerics = self.numerics
         if numerics is MISSING or numerics.method is not Method.PANELS:
             return 0.0

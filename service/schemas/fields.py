@@ -115,7 +115,6 @@ def says_something(value: Any) -> bool:
 
 
 def _to_json(field: AnswerField, value: Any) -> Any:
-    """Convert a value to JSON data."""
     if isinstance(value, float):
         return field.convert(value)
     if isinstance(value, list | tuple):
@@ -164,7 +163,7 @@ def history_columns(model: type[Part], found: Any) -> dict[str, FloatArray]:
 
 
 def in_g(acceleration: float) -> float:
-    """Convert an acceleration from m/s² to standard gravity."""
+    """Convert an acceleration from m/s² to multiples of standard gravity."""
     return float(acceleration / STANDARD_GRAVITY)
 
 

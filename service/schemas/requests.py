@@ -96,7 +96,7 @@ PartOfRequest = TypeVar("PartOfRequest", bound=Part)
 
 
 def filled(part: PartOfRequest, **usual: Any) -> PartOfRequest:
-    """Return a part of a request with its absent fields set to these values."""
+    """Return a part of a request with the named fields set to these values where they are absent."""
     return part.model_copy(update={name: value for name, value in usual.items() if getattr(part, name) is MISSING})
 
 
@@ -158,7 +158,7 @@ class Case(Part):
         return 1
 
     def panel_steps(self) -> float:
-        """Return the largest product of panels and time steps of one run; 0 with the adaptive method. [1]"""
+        """Return the panels times the time steps of the longest run; 0 with the adaptive method. [1]"""
         if not self.by_panels:
             return 0.0
         numerics = self.resolved().numerics

@@ -105,7 +105,7 @@ class StrengthPowerLaw(SolverPart[solver.StrengthPowerLaw]):
     model_config = with_examples({"model": "strength_power_law"}, STRENGTH, STRENGTH_AND_DIAMETER)
 
     model: Literal["strength_power_law"]
-    # The bounds are rough choices: published exponents lie within ±1, and the bounds only keep powers finite.
+    # The bounds are rough choices that only keep powers finite: published exponents lie within ±1.
     coefficient: Annotated[Num, Field(gt=0.0, le=1e6)] = POWER_LAW.coefficient
     exponent: Annotated[Num, Field(ge=-10.0, le=10.0)] = POWER_LAW.exponent
     reference_strength_pa: Annotated[Num, Field(ge=1e5, le=1e9)] = POWER_LAW.reference_strength

@@ -33,7 +33,7 @@ class Axis(Part):
 
     model_config = with_examples(EVEN, LISTED)
 
-    # No path is half as long; the bound keeps crafted ones out of messages.
+    # No path of a field is half as long. The bound keeps errors short, since they quote the path.
     field: Annotated[str, StringConstraints(strict=True, min_length=1, max_length=200)]
     """Dotted path to a number of the base, such as `impact.velocity_m_s`."""
     values: Annotated[list[AxisNumber], Field(min_length=1, max_length=MOST_LINES, fail_fast=True)] | MISSING = MISSING
@@ -263,7 +263,7 @@ def check_field(model: type[BaseModel], base: dict[str, Any], path: Sequence[str
 
 
 def _reason(schema: dict[str, Any], field: str) -> str:
-    """Return the end of the message for a field that requests do not have."""
+    """Return the end of the message for a path that is not a field of the request."""
     names = set(field_names(schema))
     if field in names:
         return " with the shape or model that the base has there"

@@ -227,7 +227,7 @@ class UncertainInput(Part):
 
     field: Annotated[
         str,
-        StringConstraints(strict=True, min_length=1, max_length=200),  # as for an axis of a sweep
+        StringConstraints(strict=True, min_length=1, max_length=200),  # These are the limits of a sweep's axis.
         Field(
             description="Dotted path to a number of the request, such as `impact.velocity_m_s`; "
             "`resistance.free_surface.model` or `resistance.strength_factor.model` with names; "
@@ -277,7 +277,13 @@ NATURAL: Mapping[str, Callable[[Case], float]] = {
 def _centre(
     index: int, name: str, field: str, uncertain: Sequence[UncertainInput], case: Case, content: dict[str, Any]
 ) -> float:
-    """Return the value of a field in a case."""
+    """Return the value of a field in a case or, if the case does not set it, the value used in its place.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such value, or the field must have a discrete distribution.
+    """
     if field in MODELS:
         raise _not_discrete(index, field)
     path = field.split(".")
@@ -427,7 +433,7 @@ def _check_models(
 
 
 def with_values(base: Mapping[str, Any], fields: Sequence[str], values: Sequence[Any]) -> dict[str, Any]:
-    """Return a request with these values of the fields."""
+    """Return a copy of a request with its fields set to these values."""
     request, residual = dict(base), None
     # Models are set before their numbers, since setting a model replaces its numbers. The factor on S comes last,
     # because it multiplies the law that the other values have set.
@@ -450,7 +456,10 @@ def with_values(base: Mapping[str, Any], fields: Sequence[str], values: Sequence
 
 
 def _with_theory(request: Mapping[str, Any], theory: str) -> dict[str, Any]:
-    """Return a request with a theory of the decay. Other fields stay as they were sent, so that keys stay the same."""
+    """Return a request with a theory of the decay.
+
+    Fields that the theory does not set stay as they were sent, so that the keys of the results stay the same.
+    """
     before = Resistance.model_validate(request.get("resistance", {})).to_solver()
     after = by_theory(before, theory)
     if after.strength_factor != before.strength_factor:

@@ -164,7 +164,7 @@ class UncertainCase(Case):
         return self.sampling.max_samples
 
     def panel_steps(self) -> float:
-        """Return the largest product of panels and time steps of one run; 0 with the adaptive method. [1]"""
+        """Return the panels times the time steps of the longest run; 0 with the adaptive method. [1]"""
         return self.central.panel_steps()
 
 

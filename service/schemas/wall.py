@@ -86,8 +86,8 @@ class WallDesign(Part):
     model_config = with_examples(WALL)
 
     enough: Flag | MISSING = MISSING
-    """True if the wall is thick enough against both. Absent without a thickness, and for a wall that is not too thin
-    against either if no formula is within its range for one of them."""
+    """True if the wall is thick enough against both. Absent if the target has no thickness, or if no formula is within
+    its range for one of them and the wall is not too thin against the other."""
     perforation: WallQuestion
     """Design against perforation, in which the body passes through the wall."""
     scabbing: WallQuestion

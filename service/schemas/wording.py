@@ -1,4 +1,4 @@
-"""Messages for pydantic errors, which quote the given value and do not name Python types."""
+"""Messages for pydantic errors. They quote the given value, and do not name Python types."""
 
 from collections.abc import Mapping, Sized
 from typing import Any
@@ -68,7 +68,7 @@ def _worded(error: Mapping[str, Any]) -> str:
     if kind in {"union_tag_not_found", "union_tag_invalid"}:
         return tag_worded(error["ctx"])
     if kind == "float_type" and isinstance(error["input"], int) and not isinstance(error["input"], bool):
-        # Pydantic reports an integer beyond the range of float64 as no number at all.
+        # Pydantic reports an integer beyond the range of float64 as if it were not a number.
         return f"must be a finite number, got {shown(error['input'])}"
     if kind in EXPECTED or text.startswith("Input should be "):
         wanted = EXPECTED.get(kind) or text.removeprefix("Input should be ").replace("a valid ", "a ")
@@ -123,7 +123,7 @@ def shown(value: Any) -> str:
     if value is None or isinstance(value, bool):
         return {None: "null", True: "true", False: "false"}[value]
     if isinstance(value, float):
-        return number(value, "", DIGITS)  # Bounds are written with as many digits, and 95.0 is shown as 95 there too.
+        return number(value, "", DIGITS)  # Bounds are shown in the same form.
     if isinstance(value, int):
         long = abs(value) >= 10**LONGEST_SHOWN
         return f"a number of {len(str(abs(value)))} digits" if long else whole_number(value)
