@@ -1,4 +1,4 @@
-"""The `ricochet` command: dispatches to the module of a command and turns errors into exit statuses.
+"""The `ricochet` command, which runs the module of the given command and turns errors into exit statuses.
 
 The module of a command has a function `add_NAME(parser)`, which adds the flags and sets `run`, a function of the parsed
 arguments that returns the exit status. Only the module of the command that runs is imported, since `ricochet --help`
@@ -143,7 +143,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 @contextmanager
 def interruptible(name: str) -> Iterator[None]:
-    """Raise `KeyboardInterrupt` for any error that Ctrl-C has caused.
+    """Raise `KeyboardInterrupt` in place of any error that Ctrl-C has caused.
 
     A C extension that is importing modules may convert the interruption to another error: numpy raises `ImportError`.
     Commands with an event loop leave Ctrl-C to asyncio, which replaces only the default handler of Python.

@@ -54,7 +54,7 @@ class UsageError(CommandError):
     text
         Message, beginning with the flag.
     command
-        Command with its action, such as `ricochet jobs list`. If empty, it is the command that is running.
+        Command with its action, such as `ricochet jobs list`. By default the command that is running.
     """
 
     def __init__(self, text: str, command: str = "") -> None:
@@ -169,7 +169,7 @@ class Flag(NamedTuple):
 NOSE, STRENGTH, FREE_SURFACE = ("projectile", "nose"), ("resistance", "strength_factor"), ("resistance", "free_surface")
 """Paths of the parts of a case that are unions of several models."""
 MODEL_NAMES: Mapping[tuple[str, ...], str] = {NOSE: "shape", STRENGTH: "model", FREE_SURFACE: "model"}
-"""Discriminator of each union, by its path."""
+"""Discriminator of each of these unions, by the path of the union."""
 SHAPES, LAWS, DECAYS = (tuple(CHOICES[".".join((*part, name))]) for part, name in MODEL_NAMES.items())
 """Values of the discriminators."""
 BODY = (

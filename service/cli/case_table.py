@@ -135,7 +135,7 @@ class CaseTable:
     def described(self, row: Row, pointer: str, detail: str) -> str:
         """Return an error message that begins with the place of the cell; empty if no cell sets the field."""
         name, _, of_model = detail.removeprefix("`").partition("` ")
-        if of_model:  # The error of an unknown model points to the whole part, but the cell at fault is the model's.
+        if of_model:  # The error of an unknown model points to the whole part, but the cell at fault names the model.
             pointer, detail = f"{pointer}/{name}", of_model
         for column, cell in zip(self.columns, row.cells, strict=True):
             if column.steps and column.pointer == pointer:
@@ -288,7 +288,7 @@ def _unit_in(name: str, field: str) -> str | None:
 
 
 def _with_case(row: Row, columns: Sequence[Column], base: Mapping[str, Any]) -> Row:
-    """Add the request to a row. As with flags, fields of a nose or a law select its model."""
+    """Return a row with its request or its error. As with flags, a field of a nose or a law selects the model."""
     flags = {flag.steps: flag for flag in (*BODY, *RESISTANCE) if flag.steps[:-1] in MODEL_NAMES}
     case, chosen = deepcopy(dict(base)), list[tuple[Flag, Any]]()
     try:

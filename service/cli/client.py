@@ -56,8 +56,8 @@ def connect(address: str, *, socket: str | None = None, **options: Any) -> Itera
     Raises
     ------
     CommandError
-        If the address is not an HTTP URL, the API key has characters that no header may contain, or a variable for
-        proxies or certificates is invalid.
+        If the address is not an HTTP URL, the API key has an invalid character, or a variable for proxies or
+        certificates is invalid.
     """
     # A key that was read from a file often ends with a line break, which no header may contain.
     key = os.environ.get(API_KEY, "").strip()
@@ -213,7 +213,7 @@ class Client:
         Raises
         ------
         RefusedError
-            If the response is a problem document.
+            If the response has the status of an error.
         CommandError
             If there is no response.
         """

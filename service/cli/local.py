@@ -1,4 +1,4 @@
-"""Computation of single answers and small sweeps in this process; `server` runs larger ones."""
+"""Computation of single answers and small sweeps in this process. Batches and larger sweeps run in a service."""
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -38,7 +38,7 @@ def refusals() -> Iterator[None]:
 
 MOST_CHECKED = 2_000
 """Largest number of cases of a batch that the solver checks before the computation. The checks take 0.4 ms each and 0.8
-s in all. Any further case whose values contradict each other has a problem as its result."""
+s in all. Any further case whose values contradict each other gets a problem as its result."""
 
 
 def wrong_cases(operation: str, cases: Iterable[Any]) -> dict[int, list[dict[str, str]]]:
@@ -146,7 +146,7 @@ def answers_to(
     Raises
     ------
     RefusedError
-        If `cra` fails, without which there is no verdict.
+        If the query `cra` fails, as there is no verdict without it.
     """
     for name, (operation, content) in queries.items():
         try:

@@ -23,8 +23,8 @@ MANY_ANSWERS = {".jsonl": "json", ".ndjson": "json", ".csv": "csv", ".parquet": 
 """Format flags by file extension, for commands with many answers."""
 PLOT = (".png", ".svg", ".pdf")
 MEANINGFUL, ALL_DIGITS = 6, 17
-"""Default and largest number of significant digits. A search ends within 0.01°, and runs are accurate to 1e-6 of their
-scale; a double has no more than 17 digits."""
+"""Default and largest number of significant digits. Six are enough, as a search ends within 0.01° and runs are accurate
+to 1e-6 of their scale. A double has no more than 17."""
 STANDARD = "-"
 """Name of standard input or standard output."""
 DESCRIPTORS = ("/dev/fd/", "/dev/std", "/proc/")
@@ -33,7 +33,7 @@ not see a new file with the same name."""
 
 
 def sentence_number(value: float, digits: int = 16) -> str:
-    """Format a number in a sentence as `solver.units.number` does, whose import would take a second."""
+    """Format a number as `solver.units.number` does, but without its import, which would take a second."""
     text = f"{float(f'{value:.{digits}g}'):,}".removesuffix(".0")
     return text if abs(value) >= 10_000.0 else text.replace(",", "")
 

@@ -152,7 +152,7 @@ def _put_number(body: dict[str, Any], flag: Flag, value: float | None) -> None:
 
 
 def put_model(body: dict[str, Any], part: tuple[str, ...], chosen: Sequence[tuple[Flag, Any]]) -> None:
-    """Set a part with several models, such as the nose, from its flags.
+    """Set a part that has a choice of models, such as the nose, from its flags.
 
     A model in the file is kept if it has the fields that the flags set.
 

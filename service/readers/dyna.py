@@ -158,7 +158,7 @@ BARE_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d{3})$")
 RBDOUT_MARK = "r i g i d   b o d y   m o t i o n"
 RBDOUT_STATE = re.compile(r"\s*r i g i d +b o d y +m o t i o n +a t +cycle= *\S+ +time= *(?P<time>\S+)\s*")
 SWITCHED = "a part that is switched to deformable is not a rigid body"
-"""Hint in the error for a body that states in the middle of a file lack."""
+"""Hint in the error for a body that is missing from a state in the middle of a file."""
 BODY = re.compile(r"\s*(nodal )?rigid body\s+(?P<body>\d{1,18})\b.*")
 DISPLACEMENT_LINE = re.compile(r"\s*displacements:(?P<numbers>.*)")
 
@@ -478,8 +478,8 @@ class Lsda:
         Parameters
         ----------
         before
-            Folder of a state. A variable may be written several times: the last one before this state is read, by
-            default the last in the file.
+            Folder of a state. A variable may be written several times: the last one before this state is read or, if
+            there is none, the first; by default the last in the file.
         """
         versions = self._variables.get(name)
         if versions is None:

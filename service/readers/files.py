@@ -1,4 +1,4 @@
-"""Files read as bytes, lines and columns of numbers, and an error that names the file and the line."""
+"""Functions that read files as bytes and lines, columns of numbers, and an error that names the file and the line."""
 
 import itertools
 import re
@@ -47,7 +47,7 @@ MOTION_FILES = "the motion of a body is in rbdout, nodout or binout"
 
 
 MAX_REASON = 500
-"""Longest reason of an error, which is truncated to it [characters]. A rough choice: a reason may quote a long cell."""
+"""Length to which the reason of an error is truncated, since it may quote a long cell. A rough choice. [characters]"""
 
 
 class FileError(Exception):

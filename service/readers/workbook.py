@@ -66,7 +66,7 @@ def _text(value: Any) -> str:
     """Return a cell as text on one line. Numbers keep all digits, and whole numbers have no decimal point."""
     if value is None:
         return ""
-    # Excel has no integers, only floats. Whole numbers from 1e15 on keep their exponent.
+    # Excel has no integers, only floats with 15 significant digits.
     if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
         return str(int(value))
     if isinstance(value, datetime):

@@ -96,7 +96,7 @@ PartOfRequest = TypeVar("PartOfRequest", bound=Part)
 
 
 def filled(part: PartOfRequest, **usual: Any) -> PartOfRequest:
-    """Return a part of a request with the named fields set to these values where they are absent."""
+    """Return a part of a request with these values for the fields that it lacks."""
     return part.model_copy(update={name: value for name, value in usual.items() if getattr(part, name) is MISSING})
 
 
