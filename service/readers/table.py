@@ -255,7 +255,7 @@ def read_table(path: str | Path, content: bytes | None = None, *, gaps: bool = F
 
 
 def _with_numbers(lines: list[str]) -> list[str]:
-    """Return the lines with quotes around a header # and numbers such as #17, so that these are not comments.
+    """Return the lines with quotes around a header # and numbers such as #17, which would otherwise be comments.
 
     A line that begins with such a number is a row if it has as many cells as the header.
     """
