@@ -1,4 +1,4 @@
-// Examples, bounds, choices and display names of fields, fetched from the contract (the schemas of openapi.json), so none is repeated here.
+// Examples, bounds, choices and display names of fields, fetched from the service, so that the page does not repeat them.
 
 import { request } from "./service.js";
 
@@ -41,7 +41,7 @@ export function isVariant(path, tag) {
   return Object.hasOwn(nodeAt(path, {})?.discriminator?.mapping ?? {}, tag);
 }
 
-/** Return the required fields of a variant from its first example, except shots, which would count as evidence. */
+/** Return the required fields of a variant from its first example, except shots, which only the user can give. */
 export function requiredOf(path, tag) {
   const { required = [] } = resolved({ $ref: nodeAt(path, {}).discriminator.mapping[tag] });
   return Object.fromEntries(Object.entries(exampleOf(path, tag)).filter(([name]) => required.includes(name) && name !== "shots"));

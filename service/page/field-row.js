@@ -17,7 +17,7 @@ const SI_UNIT = / ?\[(?:1|°|m|m\/s|rad\/s|kg|kg m²|kg\/m³|Pa)\]/g;
  *
  * @param {object} field as `fieldOf` of fields.js returns it
  * @param {object} values the case
- * @param {{accept: (value: any) => void, hold: () => void, refuse: (problem: string) => void}} listener `accept` is called with
+ * @param {{accept: (value: any) => void, hold: () => void, refuse: (problem: string) => void, currentOf?: () => object}} listener `accept` is called with
  *   each valid value, `hold` while an invalid one may be incomplete, `refuse` once the field is left or typing pauses; `currentOf` returns the current case
  * @returns {{field: object, root: HTMLElement, input: HTMLElement, problem: HTMLElement, described: string, later: (act?: () => void) => void}}
  *   `later` calls a function once the field is left or typing pauses, unless the text changes first

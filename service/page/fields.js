@@ -1,4 +1,4 @@
-// The fields of a case as the form shows them: label, unit and factor to SI. Bounds are the contract's.
+// The fields of a case as the form shows them: label, unit and factor to SI. The bounds come from the contract.
 
 import { valueAt, withValue } from "./case.js";
 import { names, nodeAt } from "./contract.js";

@@ -23,10 +23,10 @@ export class CaseForm {
    * @param {{case: object, onChange: (values: object, path: string) => void, onHold?: () => void, problem: HTMLElement, parts?: () => HTMLElement[],
    *   panels?: object[], actions?: HTMLFieldSetElement[], include?: string[], groups?: object[], open?: string[]}} options
    *   `onChange` is called with a case whenever all its fields are accepted, `onHold` while one is not; `problem` shows errors that
-   *   belong to no field; `parts` are marked as results of previous inputs while the user may still be typing, and cleared of all but
-   *   pictures once a value is refused, as are `panels`, through their `hold` and `clear`; `actions` hold the buttons that act on the
-   *   case, which are disabled meanwhile; `include` names the groups of fields.js to show (all by default), `groups` are other groups
-   *   instead; `open` names the groups that are expanded at first
+   *   belong to no field; `parts` are marked as results of previous inputs while the user may still be typing, and emptied, except
+   *   for pictures, once a value is refused; `hold` and `clear` of the `panels` are called at the same times; `actions` hold the
+   *   buttons that act on the case, which are disabled while a field is not accepted; `include` names the groups of fields.js to show
+   *   (all by default), `groups` are shown in their place; `open` names the groups that are expanded at first
    */
   constructor(root, { case: values, onChange, onHold, problem, parts = () => [], panels = [], actions = [], include, groups, open = include }) {
     Object.assign(this, { root, values, onChange, onHold, problem, parts, panels, actions, open });
@@ -154,7 +154,7 @@ export class CaseForm {
     return announce(`${this.rows.find(({ field }) => field.path === path)?.field.label ?? "The change"} is as before.`);
   }
 
-  /** Start from the example of another variant, which has other fields, but without its shots, which would count as evidence. */
+  /** Start from the example of another variant, which has other fields, but without its shots, which are not the user's. */
   takeVariant({ path }, name) {
     const holder = path.slice(0, path.lastIndexOf("."));
     const { shots, ...example } = exampleOf(holder, name);

@@ -71,7 +71,7 @@ export function localWarnings(cells) {
   return [...counts].filter(([, count]) => count < computed.length);
 }
 
-/** Return the codes of warnings that few cells have, which are worth a mark. */
+/** Return the codes of warnings that fewer than a quarter of the cells have; only these are marked. */
 export function rareWarnings(cells) {
   const computed = cells.filter(Boolean).length;
   return new Set(localWarnings(cells).flatMap(([code, count]) => (count < computed / 4 ? [code] : [])));

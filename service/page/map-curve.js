@@ -48,8 +48,8 @@ async function sweep(path, map, side, values, study, signal) {
 /**
  * Return the traces of a critical curve: its line, and areas that are drawn below other lines.
  *
- * A cell has one colour, but the colours should meet at the curve. Where a column of cells changes to ricochet once, next to the curve,
- * the cells from there on get the ending of the last cell before (`endings`), and an area above the curve covers them.
+ * A cell has one colour, but the colours should meet at the curve. Where a column of cells changes to ricochet once, and next to the curve,
+ * its cells from there on are coloured like the cell before (`endings`), and an area in the colour of ricochet covers them above the curve.
  */
 export function drawCurve({ side, angles, band }, [x, y], cells, { ink, ricochet }) {
   const isUp = side === "x"; // whether the angle is on the vertical axis

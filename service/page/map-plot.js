@@ -1,4 +1,4 @@
-// The picture of a map: colours for the quantity, contour lines over them, and marks for cells that have none.
+// The picture of a map: colours for the quantity, contour lines over them, and marks where the colour does not show the ending.
 
 import { labelWithUnit, withUnit } from "./fields.js";
 import { unitOf } from "./units.js";

@@ -12,7 +12,7 @@ const REDRAW_MS = 300; // least time between drawings; a large map is drawn less
 const REST = 6; // pause after a drawing, in multiples of its duration, so that drawing takes at most 1/7 of a core
 
 /**
- * Compute as many cases of a map as the service answers at once: all of a small map, a coarse grid of a large one.
+ * Compute cases of a map that the service answers at once: all cases of a small map, or a coarse grid of a large one.
  *
  * @returns {Promise<{cells: object[], isWhole: boolean}|undefined>} the nearest computed case for each cell; undefined if no case is answered at once
  */

@@ -90,7 +90,7 @@ export class ScatterForm {
     return element("div.field", {}, element("label", { for: id }, "Distribution"), element("select", { id, onchange }, ...options));
   }
 
-  /** Build the row of a parameter as an optional field; an empty centre is the value of the case. */
+  /** Build the row of a parameter as an optional field; an empty centre stands for the value of the case. */
   buildParameter(index, { name, label, si, centre }) {
     const { field: path, given } = this.given[index];
     const field = fieldOf("number", `uncertain.${index}.${name}`, si, { label, name, optional: true });

@@ -78,7 +78,7 @@ export function inputField(path) {
   return [RESIDUAL, THEORY].find((each) => each.path === path) ?? (fieldAt(path) ?? { path, label: path, si: "", unit: "", factor: 1 });
 }
 
-/** Return an input with the usual scatter of a field, or with 5 % if there is none. */
+/** Return an input with the usual scatter of a field or, if there is none, with its distribution in `ADDED` or a scatter of 5 %. */
 export function usualInput(field) {
   const own = (usual ?? usualScatter)[field];
   const { type, given } = own ? inputOf(own) : (ADDED[field] ?? ANY);
