@@ -235,7 +235,8 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         services.executor = executor_for(settings)
         await asyncio.gather(
             start_executor(services.executor, stack),
-            # The next two calls take 0.1 to 0.2 s each. On first use, they would block the event loop for as long.
+            # The next two calls take 0.1 to 0.2 s each. They are made now, in threads, because on first use they would
+            # block the event loop for as long.
             run_sync(known_fields),
             run_sync(importlib.import_module, "scipy.special"),
         )

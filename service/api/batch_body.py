@@ -151,7 +151,6 @@ class BatchReader:
         return BatchBody(self._read_points(grid), digest, grid.count, sweep)
 
     def _case(self, content: Any) -> JobCase:
-        """Validate the content of one case."""
         request: Any = self._model.model_validate(content)
         check_work(request, self._limits.max_panel_steps)
         custom_id = getattr(request, "custom_id", MISSING)
@@ -184,7 +183,7 @@ class BatchReader:
     ) -> dict[int, list[dict[str, str]]]:
         """Have workers check that the values of each case of a part are consistent; return the errors by case number.
 
-        Lines of JSONL and points of a sweep are not checked here: their errors are the results of their cases.
+        Lines of JSONL and points of a sweep are not checked: for them, such an error is the result of the case.
         """
         canonical = self._services.queries.operations[self._operation].request
         numbers, errors = list(cases), dict[int, list[dict[str, str]]]()
@@ -206,7 +205,6 @@ class BatchReader:
         return errors
 
     async def _read_lines(self, parts: AsyncIterator[list[bytes]]) -> AsyncIterator[list[JobCase]]:
-        """Yield the cases of a JSONL body in blocks."""
         async for lines in parts:
             first, count = self._read_count, self._read_count + len(lines)
             self._read_count, self._read_bytes = count, self._read_bytes + sum(len(line) + 1 for line in lines)
@@ -248,7 +246,7 @@ class BatchReader:
             raise InvalidBodyError(behind(pointer, errors_of_case(error, content)), place) from error
 
     def _make_grid(self, body: bytes, limits: BodyLimits) -> tuple[Outline, Grid]:
-        """Parse the body of a sweep, and return its base and axes, and its grid."""
+        """Parse the body of a sweep, and return its base and axes (the outline) and the grid of its points."""
         outline = validated_as(Outline, parse_json(body, limits))
         if len(to_json(outline.base)) > self._limits.max_body_bytes:
             detail = f"may be {whole_number(self._limits.max_body_bytes)} bytes long at most"
@@ -257,7 +255,6 @@ class BatchReader:
             return outline, grid_of(self._model, outline)
 
     async def _read_points(self, grid: Grid) -> AsyncIterator[list[JobCase]]:
-        """Yield the cases of a sweep in blocks."""
         points = enumerate(grid.points())
         while cases := await run_sync(self._validate_points, grid, points, limiter=self._services.reading):
             yield cases
@@ -288,7 +285,7 @@ async def split_lines(
     """Split a body into lines, and yield them in blocks.
 
     Reading stops in a line that exceeds `max_bytes`. The part of the line read so far, which is itself longer than
-    `max_bytes`, is yielded, so that the caller refuses the line.
+    `max_bytes`, is yielded, so that the caller can refuse the line.
     """
     lines, size, rest = list[bytes](), 0, b""
     async for chunk in chunks:

@@ -52,8 +52,8 @@ Prefer = Annotated[
 
 
 PREFERENCE = re.compile(r'(?:"(?:[^"\\]|\\.)*"?|[^",])+')
-"""Pattern of an element of a comma-separated header; commas within quotes do not separate. The alternatives begin with
-different characters and nothing follows the group, so no header can make the pattern backtrack."""
+"""Pattern of an element of a comma-separated header, in which quoted text may contain commas. The alternatives begin
+with different characters and nothing follows the group, so no header can make the pattern backtrack."""
 MOST_DIGITS = 9
 """Number of digits of `wait` that are read, enough for thirty years. Python refuses to convert thousands of digits."""
 
@@ -203,7 +203,10 @@ class BatchResponse(JobResponse):
         self.form = form
 
     async def to(self, body: BatchBody) -> Response:
-        """Return a response with the results, or with the job that computes them. Refused work is not charged."""
+        """Return a response with the results, or with the job that computes them.
+
+        A request that fails or is cancelled before it has results or a job is not charged.
+        """
         try:
             # Only as many cases are read here as are needed to choose between results and a job. The job manager reads
             # the rest, and refuses too many cases early.

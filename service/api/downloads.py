@@ -124,7 +124,7 @@ class Downloads:
             why = os.strerror(error.errno) if error.errno else "the disk refuses it"
             raise StorageError(f"the file cannot be written: {why}") from error
         finally:
-            with CancelScope(shield=True):  # The partial file is removed even if this is cancelled.
+            with CancelScope(shield=True):  # The partial file is removed even if the task is cancelled.
                 await run_sync(lambda: path.unlink(missing_ok=True))
 
     async def remove(self, names: Iterable[str]) -> None:

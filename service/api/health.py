@@ -101,7 +101,7 @@ async def version() -> Version:
 
 @cache
 def library_versions() -> dict[str, str]:
-    """Return the versions of the package and its libraries. They are cached, because reading them takes disk access."""
+    """Return the versions of the package and its libraries. They are read from the disk once and then cached."""
     return {"ricochet": VERSION} | {name: installed_version(name) for name in LIBRARIES}
 
 

@@ -142,7 +142,7 @@ class JobQueue(Part):
 
 
 UNSHOWN = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
-"""Characters removed from titles: control characters, line ends and changes of the writing direction. They could
+"""Characters removed from titles: control characters, line ends and marks that change the writing direction. They could
 falsify the display of a title in a terminal or a list of jobs."""
 Title = Annotated[
     str,

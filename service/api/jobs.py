@@ -50,7 +50,7 @@ async def manager_of(request: Request) -> JobManager:
 
 
 async def event_stream(request: Request, context: ReadContext) -> AsyncIterator[None]:
-    """Count an open event stream until its request ends, per owner of the key or, without a key, per client address."""
+    """Count an open event stream for the owner of the key or, without a key, for the client address until it ends."""
     with services_of(request).streams.held(context.queue_owner):
         yield
 
@@ -60,7 +60,7 @@ JobId = Annotated[str, Path(description="Id of the job.", max_length=200)]
 
 
 async def job_of(job_id: JobId, jobs: CurrentManager, context: ReadContext) -> JobState:
-    """Return the requested job. The job of another owner also gives 404, so that clients cannot find out its id."""
+    """Return the requested job. A job of another owner also gives 404, so that clients cannot tell which ids exist."""
     return known(await jobs.job(job_id, context.principal.visible_owner))
 
 

@@ -96,7 +96,7 @@ class McpResponse(Response):
     server
         ASGI application of the MCP SDK.
     message
-        Body of the request, already read within the limits of all bodies.
+        Body of the request, which has been read and checked already.
     """
 
     def __init__(self, server: ASGIApp, message: bytes) -> None:
@@ -105,7 +105,7 @@ class McpResponse(Response):
         self._message = message
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass the request to the SDK, with the body that has already been read as its first ASGI message."""
+        """Pass the request to the SDK, and deliver the body again, since it has been read already."""
         given = False
 
         async def receive_message() -> Message:

@@ -144,7 +144,7 @@ def tools_of(operations: Iterable[Operation]) -> dict[str, ToolOperations]:
     return {name: ToolOperations(text, found[name]) for name, text in texts.items()}
 
 
-# A language model reads and converts SI units, and the list of tools should stay short.
+# Language models can convert SI units themselves, and the list of tools should stay short.
 NOT_LISTED = frozenset({"units"})
 """Fields of requests that the list of tools does not show."""
 KEPT = ("type", "const", "enum", "required")

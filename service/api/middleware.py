@@ -173,7 +173,7 @@ compressor."""
 
 
 class CompressionMiddleware:
-    """Compresses responses of 1 kB and more for clients that accept it.
+    """Compresses responses of 1 kB and more with gzip, for clients that accept it.
 
     A strong entity tag becomes a weak one, because the compressed bytes differ (RFC 9110, section 8.8.1).
     """
@@ -258,7 +258,7 @@ class AuthMiddleware:
     settings
         Settings for access, host names, origins and TLS.
     keys, quotas
-        Stores of the data folder.
+        Stores of API keys and of their quotas.
     audit
         Audit log of every POST, PATCH and DELETE, written when keys are required or an audit file is set.
     """

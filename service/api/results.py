@@ -292,7 +292,6 @@ class ParquetTable:
 
 
 def _arrow_type(column: Column) -> "DataType":
-    """Return the Arrow type of a column."""
     import pyarrow as pa  # noqa: PLC0415 (an extra)
 
     return {"f": pa.float64(), "i": pa.int64(), "S": pa.string(), "?": pa.bool_()}[column.dtype.lstrip("<")[0]]

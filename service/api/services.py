@@ -49,7 +49,7 @@ LABELS = {
 
 
 class Metrics:
-    """Metrics for Prometheus. Requests and cases are counted as they occur, other values are read at each scrape."""
+    """Metrics for Prometheus. Requests and cases are counted as they occur; other values are read at each scrape."""
 
     def __init__(self) -> None:
         # By default each counter has a second series with its creation time, which nobody reads.
@@ -181,7 +181,7 @@ async def unless_left(request: Request, work: Coroutine[Any, Any, Result]) -> Re
     HTTPException
         400 if the client has left. Nobody receives it, but the log and the metrics record it.
     PoolUnavailableError
-        If the grace period of the service is over.
+        If the service refuses unfinished requests, near the end of its grace period.
     """
     working = asyncio.ensure_future(work)
     left = asyncio.ensure_future(disconnected(request))

@@ -103,9 +103,9 @@ async def one_block(case: JobCase) -> AsyncIterator[list[JobCase]]:
 
 
 PAGE_COST = 50
-"""Cost of drawing the page of a report, which takes some 0.5 s [ordinary cases]."""
+"""Cost of drawing the page of a report, which takes some 0.5 s. [ordinary cases]"""
 NEEDED = "cra"
-"""Name of the query whose failure fails a verdict or a report."""
+"""Name of the query without whose answer there is no verdict and no report."""
 
 
 @router.post(

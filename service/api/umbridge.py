@@ -1,7 +1,8 @@
 """UM-Bridge 1.0 (Seelinger et al., 2023): critical angles and trajectories as models for uncertainty software.
 
 A model has one input vector and one output vector. `config` may replace parts of the paper's strike and choose the
-inputs; an input is the number in a field of the request divided by its `scale`. Errors have the format of the protocol.
+inputs; an input is the number in a field of the request, divided by the `scale` of the input. Errors have the format of
+the protocol.
 
 References
 ----------
