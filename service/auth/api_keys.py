@@ -138,7 +138,7 @@ def digest_of(token: str) -> str:
 class ApiKeyStore:
     """Keys of a running service, reloaded when the file changes.
 
-    If the file is lost or damaged, every key is refused; the service never falls back to requiring none. This holds
+    If the file is lost or damaged, every key is refused; the service never falls back to requiring no key. This holds
     across restarts as long as the lock file exists.
 
     Parameters

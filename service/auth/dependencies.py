@@ -61,7 +61,7 @@ class RequestContext:
     Parameters
     ----------
     keys, quotas
-        Stores of the data folder.
+        Stores of API keys and of their quotas.
     key_required
         True if the request needs a key unless its route is public.
     client
@@ -180,7 +180,7 @@ class Authorization(HTTPBearer):
     """Security scheme that declares API keys in the contract and also checks them.
 
     A separate dependency for the check would cost each request another call through FastAPI's dependency solver.
-    FastAPI fills in the parameter of `__call__` that the base class lacks.
+    FastAPI fills in the parameter `required` of `__call__`, which the base class lacks.
     """
 
     async def __call__(self, request: Request, required: SecurityScopes) -> RequestContext:  # type: ignore[override]

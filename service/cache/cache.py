@@ -203,7 +203,7 @@ class ResultCache:
             self._lock.check()
 
     def writable(self) -> bool:
-        """Return True if results can be written, which is tried with a file that is then removed."""
+        """Return True if results can be written. This is tested by writing and removing a file."""
         with self._recording_errors():
             self.check_folder()
             discard(self._segments.stage(PROBE))
@@ -243,7 +243,10 @@ class ResultCache:
                     self._index.drop(names)
 
     def verify(self) -> list[str]:
-        """Read every segment, add missing ones to the index, and set damaged ones aside, whose names are returned."""
+        """Read every segment, and return the names of those that are damaged or cannot be read.
+
+        Intact segments that are missing from the index are added to it, and damaged ones are set aside.
+        """
         return [name for name in sorted(self._segments.names()) if not self._adopt(name)]
 
     def rebuild(self) -> None:
@@ -335,7 +338,7 @@ class ResultCache:
         return False
 
     def _reconcile(self) -> None:
-        """Make the index match the files. A crash may have come between a change of the files and of the index."""
+        """Make the index match the files. A crash may have left one of the two changed and the other not."""
         with self._recording_errors():
             indexed, there = self._index.names(), self._segments.names()
             self._index.drop(indexed - there)

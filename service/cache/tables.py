@@ -24,7 +24,8 @@ Table = dict[str, Rows]
 """Columns of equal length by name; empty if the table has no rows."""
 
 MISSING = -1
-"""Value of an integer column where a case has no result. All integer columns are counts, which are never negative."""
+"""Value of an integer column where a row has no value. Integer columns hold counts and numbers from 0, so the value is
+not taken for one of them."""
 
 
 def fill(column: Column, values: Sequence[Any]) -> Rows:

@@ -1,8 +1,8 @@
 """SQLite file of the jobs: opened on first use, with one writer at a time and `StorageError` for every disk failure.
 
-The write-ahead log is synchronised at each commit, so that a transaction is complete after any crash, or absent. The
-log is moved into the file regularly, always as a whole. A damaged bit in the log then costs only transactions since the
-last move, and those before the damage can still be applied to the file.
+The write-ahead log is synchronised at each commit, so that after any crash a transaction is either complete or absent.
+The log is moved into the file regularly, always as a whole. A damaged bit in the log then costs only transactions since
+the last move, and those before the damage can still be applied to the file.
 """
 
 import os

@@ -150,7 +150,7 @@ class Charge(NamedTuple):
     key_id: str
     cases: int
     began: int
-    """Start of the time step in which the quota counts the cases, in seconds since 1970. [s]"""
+    """Start of the time step in which the quota counts the cases. [s since 1970]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -416,7 +416,7 @@ def _lines(requests: bytes, count: int) -> Sequence[bytes | None]:
 
 
 def is_of(operation: str, request: bytes, key: str) -> bool:
-    """Return True if this is the key of a request under the current versions."""
+    """Return True if `key` is the key of the request under the current versions; False if the request is damaged."""
     try:
         return result_key(operation, orjson.loads(request)) == key
     except DAMAGE:

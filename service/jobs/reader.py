@@ -135,7 +135,7 @@ class ResultReader:
     async def _compute(
         self, state: JobState, rows: Sequence[CaseRow], take: Take, *, whole: bool
     ) -> dict[int, CaseResult]:
-        """Compute evicted cases again, charged to the client who reads. Cases that cannot be computed get a problem."""
+        """Compute evicted cases again, and charge the client who reads. Cases that cannot be computed get a problem."""
         cases = await run_sync(lambda: [again_of(state, row) for row in rows])
         found = {row.number: damaged(row) for row, case in zip(rows, cases, strict=True) if case is None}
         places = [(row, case) for row, case in zip(rows, cases, strict=True) if case is not None]
@@ -164,7 +164,7 @@ class ResultReader:
 
 
 def again_of(state: JobState, row: CaseRow) -> JobCase | None:
-    """Return the case to compute again, because its result was evicted; None if its request is damaged."""
+    """Return the case of an evicted result, to be computed again; None if its request or operation is damaged."""
     if row.request is None or state.operation == UNKNOWN:
         return None
     # The result of an earlier engine cannot be computed any more, so the case gets the key of the current versions.

@@ -104,7 +104,7 @@ class ChunkSizer:
 
 @dataclass(eq=False)
 class Run:
-    """State of one call of `CaseRunner.run`. The first fields are its parameters."""
+    """State of one call of `CaseRunner.run`. The fields before `group` are its parameters, as is `remaining`."""
 
     operation: Operation
     blocks: Blocks

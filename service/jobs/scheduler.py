@@ -50,7 +50,7 @@ class ActiveJob:
     queue: str
     """Owner whose share of the workers the cases count against."""
     samples: int = 1
-    """Number that each case counts as: 1 or, for studies, the largest number of samples of the first one."""
+    """Number of samples that each case counts as: 1 or, for studies, the largest number of samples of the first one."""
     ended: Callable[[JobState], object] = lambda _: None
     """Function called once, with the final state."""
     scope: CancelScope = field(default_factory=CancelScope)

@@ -122,7 +122,7 @@ class JobStore:
     def create(
         self, operation: str, owner: str, sweep: StoredSweep | None = None, *, traceparent: str | None = None
     ) -> int:
-        """Create an invisible job, and return its number."""
+        """Create a job, which is invisible until `accept` is called, and return its number."""
         columns = "id, owner, operation, versions, status, created, title, traceparent"
         title = None if sweep is None else title_of(sweep)
         # The id is random, so that a client cannot guess the job of another.
@@ -431,7 +431,6 @@ class JobStore:
 
 
 def _requests_of(database: sqlite3.Connection, job: int, number: int) -> tuple[bytes, ...]:
-    """Return the canonical requests of a block."""
     statement = "SELECT requests, length(keys) FROM slices WHERE job = ? AND slice = ?"
     stored, length = database.execute(statement, (job, number)).fetchone() or (b"", BLOCK_SIZE * KEY_BYTES)
     count = length // KEY_BYTES

@@ -188,7 +188,7 @@ def _finding(operation: StudyOperation, result: CaseResult) -> Any:
 
 
 def advance(steps: Generator[Any, Any, Any], found: Sequence[Any] | None) -> tuple[Any, Any]:
-    """Return the next batch of samples of a study and None or, when it is complete, None and its answer."""
+    """Return the next batch of samples and None or, when the study is complete, None and its answer."""
     try:
         return (next(steps) if found is None else steps.send(found)), None
     except StopIteration as end:

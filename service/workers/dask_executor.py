@@ -36,7 +36,7 @@ CANCEL_SECONDS = 1.0
 """Timeout for the scheduler to acknowledge a cancellation, whose reply is not needed, and for tasks of the service to
 end; chosen by judgement [s]."""
 CHUNKS_A_THREAD = 2
-"""Number of chunks assigned to each thread of a worker, so that the next one has arrived when one is finished."""
+"""Number of chunks assigned to each thread of a worker, so that the next chunk has arrived when the thread is free."""
 DELIVERY_SECONDS = 30.0
 """Time allowed for transferring a chunk, in addition to the timeouts of all calls in it and in the chunk before it;
 chosen by judgement [s]."""

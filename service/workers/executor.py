@@ -20,7 +20,7 @@ KILL_SECONDS = 0.5
 
 
 class Executor(ABC):
-    """Base class of executors. `tests/service/test_executor_contract.py` tests that each one keeps this interface.
+    """Base class of executors. `tests/service/test_executor_contract.py` tests this interface for every executor.
 
     Parameters
     ----------
@@ -94,8 +94,8 @@ class Executor(ABC):
     ) -> Result:
         """Run a picklable function, and return its value or raise its exception.
 
-        If cancelled in the queue, the function never runs. If cancelled while running in a worker process, it is
-        stopped, or its worker is killed, within 0.5 s.
+        A call that is cancelled in the queue never runs. If it is cancelled while it runs in a worker process, the call
+        is stopped, or its worker is killed, within 0.5 s.
 
         Parameters
         ----------
@@ -149,8 +149,8 @@ class Executor(ABC):
         """Run a chunk of calls one after the other. Single calls may run before it, or between two of its calls.
 
         A call that fails, exceeds the timeout or kills its workers has the error as its result, and the others run
-        nevertheless. If cancelled in the queue, the chunk never runs; if cancelled while running, it ends after the
-        present call at the latest.
+        nevertheless. A chunk that is cancelled in the queue never runs; one that is cancelled while it runs ends after
+        the present call at the latest.
 
         Parameters
         ----------

@@ -221,7 +221,7 @@ def send(channel: socket.socket, message: bytes, before: bytes = b"") -> None:
 
 
 def receive(channel: socket.socket, said_before: bytes = b"") -> bytes:
-    """Return the next message, or an empty one if the socket is closed; send `said_before` after reading its header."""
+    """Return the next message, or an empty one if the socket is closed; send `said_before` before reading its body."""
     head = _receive_exactly(channel, LENGTH.size)
     if not head:
         return b""
