@@ -1,15 +1,19 @@
-"""Entry of the `ricochet` command, whose packages have names that many other projects use: `service` and `solver`."""
+"""Entry point of the `ricochet` command.
+
+Its packages are named `service` and `solver`, like those of many other projects, so Python may find another package in
+their place.
+"""
 
 import sys
 from importlib.util import find_spec
 from pathlib import Path
 
 PACKAGES = {"service": "cli/outputs.py", "solver": "plausibility.py"}
-"""A file of each package, by which it is known."""
+"""File by which each package of this project is recognised."""
 
 
 def main() -> int:
-    """Run the command, unless something else on the path is found in place of a package; return the exit status."""
+    """Run the command, or refuse if Python finds something else in place of a package; return the exit status."""
     for name, known in PACKAGES.items():
         spec = find_spec(name)
         places = list(spec.submodule_search_locations or ()) if spec else []

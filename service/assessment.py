@@ -1,4 +1,4 @@
-"""Report on one strike: the queries whose answers it shows, and its page.
+"""Report on one strike: the queries behind it, and the report itself as HTML.
 
 All numbers in a report come from the answers to ordinary queries, which are computed, cached and counted against quotas
 like the queries of any client.
@@ -67,8 +67,8 @@ def verdict_queries(request: ReportRequest) -> dict[str, Query]:
 def weighing_queries(request: ReportRequest, found: Mapping[str, Any]) -> dict[str, Query]:
     """Return the additional searches that the verdict needs, keyed by name.
 
-    They show how far the critical angle is shifted by the effects behind warnings, and by a strength factor that is
-    constant from 55° on instead of from 60° on. Any of them may fail.
+    They show how much the critical angle depends on the retention energy or on the strength factor that a warning is
+    about, and on whether the strength factor is constant from 55° on instead of from 60° on. Any of them may fail.
 
     Parameters
     ----------
@@ -203,7 +203,6 @@ def _units_of(request: ReportRequest) -> dict[str, Any]:
 
 
 def _query_of(request: ReportRequest, question: Question) -> Query:
-    """Return the query that answers a question of the verdict."""
     case, angle, units = _search_of(request), _angle_of(request), _units_of(request)
     if question.kind == "search":
         return Query("cra", _with_probe(case, *question.probe) if question.probe else case | units)
@@ -235,7 +234,7 @@ def _with_probe(case: Mapping[str, Any], code: str, value: float) -> dict[str, A
 
 
 def _strike_of(case: Mapping[str, Any], angle: float) -> dict[str, Any]:
-    """Return the body of the query for a run at an oblique angle. [°]"""
+    """Return the body of the query for a run at the oblique angle `angle`. [°]"""
     found = {name: part for name, part in case.items() if name != "search"}
     return found | {"impact": case["impact"] | {"oblique_angle_deg": angle}}
 

@@ -10,7 +10,7 @@ WATCH_SECONDS = 60.0
 """Interval between comparisons of the clocks, a rough choice: a jump is logged within a minute. [s]"""
 DIVERGENCE_SECONDS = 30.0
 """Smallest change in the difference between the clocks that is logged. [s] Time synchronisation that slews the clock
-stays below it: chrony's default is at most 8.3 %, which is 5 s between two comparisons."""
+stays below it: chrony slews by at most 8.3 % by default, which is 5 s between two comparisons."""
 
 log = logging.getLogger(__name__)
 
@@ -36,7 +36,7 @@ SYSTEM = Clock()
 
 
 class ClockWatch:
-    """Task that logs a warning when the system clock has been set or the machine has slept."""
+    """Logs a warning when the system clock has been set or the machine has slept."""
 
     def __init__(self, clock: Clock = SYSTEM) -> None:
         self._clock = clock

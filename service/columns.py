@@ -1,6 +1,6 @@
 """Columns of result tables in CSV, Parquet and HDF5, with their names in the contract, units and descriptions.
 
-The command line imports this module too, so it imports nothing that is slow to load.
+The command line loads this module at its start, so the module imports nothing that is slow to load.
 """
 
 import json
@@ -42,7 +42,8 @@ def unit_of(name: str) -> str:
 
 
 BY_END = {"_m": "mm", "_pa": "MPa"}
-"""SI unit in which texts show quantities, by the suffix of their names; others have the unit of the contract."""
+"""SI units in which texts show quantities, by the suffix of their names; other quantities keep the unit of the
+contract."""
 OTHER_UNITS = {
     "projectile.nose.points": "mm",
     "target.youngs_modulus_pa": "GPa",
@@ -50,7 +51,7 @@ OTHER_UNITS = {
     "flight.height_m": "m",
     "numerics.retention_energy_fraction": "%",
 }
-"""Exceptions from `BY_END` and from the units of the contract: SI unit in which texts show a quantity, by its path."""
+"""Exceptions to `BY_END` and to the units of the contract: SI unit in which texts show a quantity, by its path."""
 
 
 def shown_in(name: str) -> str:
@@ -157,7 +158,7 @@ def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
     """Return the table row of an answer as values by column name; absent fields are left out.
 
     Numbers and strings at the top level of the answer are copied under their names. A column for a nested field needs a
-    line here; without one it stays empty.
+    line in this function; without one the column stays empty.
     """
     row: dict[str, Any] = {name: value for name, value in answer.items() if isinstance(value, float | int | str)}
     for part in ("final", "exit", "protrusion"):
@@ -240,8 +241,8 @@ def batch_row(columns: Iterable[Column], item: Mapping[str, Any], point: tuple[f
 
 
 FORMULA = re.compile("[=+\\-@\t\r\n\uff1d\uff0b\uff0d\uff20]")
-"""Pattern of the first character of a cell that a spreadsheet evaluates as a formula: one of `=+-@`, its full-width
-form, or white space, which a spreadsheet skips before them."""
+"""Pattern of the first character of a cell that a spreadsheet may evaluate as a formula: one of `=+-@` or of their
+full-width forms, or a tab or line break, which a spreadsheet skips."""
 SIGNED_NUMBER = re.compile(r"[+-]\d+(\.\d*)?([eE][+-]?\d+)?", re.ASCII)
 """Pattern of a signed number, which a spreadsheet does not take for a formula."""
 

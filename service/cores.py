@@ -6,7 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 
 CONTROL_GROUPS = Path("/sys/fs/cgroup")
-"""Mount point of the control groups: version 2, or version 1 in its folder `cpu`."""
+"""Mount point of control groups version 2. With version 1, its folder `cpu` has the quotas."""
 MEMBERSHIP = Path("/proc/self/cgroup")
 """File that names the control groups of this process. In a container the path is usually `/`."""
 

@@ -27,7 +27,8 @@ log = logging.getLogger(__name__)
 MAX_ERRORS = 100
 """Largest number of errors listed in one problem. A body may have ten thousand, which nobody would read."""
 MAX_SUGGESTIONS = 10
-"""Largest number of unknown fields in one problem for which similar names are suggested: each takes up to 1 ms."""
+"""Largest number of unknown fields in one problem for which similar names are suggested. Finding them takes up
+to 1 ms for each field."""
 RETRY_SECONDS = 5
 """Value of `Retry-After` while the service starts, stops or has lost its workers [s]. A worker starts in about 1 s."""
 
@@ -64,7 +65,7 @@ class InvalidBodyError(ServiceError):
 
 
 class ExecutorError(ServiceError):
-    """Base class of failures of the executor, as opposed to errors raised by the call."""
+    """Base class of errors of the executor itself, as opposed to errors that a call raises."""
 
 
 class WorkerCrashedError(ExecutorError):
@@ -229,7 +230,7 @@ class IdempotencyBusyError(ServiceError):
 
 
 class StorageError(ServiceError):
-    """The disk is full, read-only or missing, so jobs cannot be stored or read."""
+    """The disk is full, read-only or missing, so jobs or files cannot be stored or read."""
 
     status = HTTPStatus.INSUFFICIENT_STORAGE
     type = "urn:ricochet:problem:storage-full"
@@ -237,7 +238,7 @@ class StorageError(ServiceError):
 
 
 class UnsuitableFolderError(StorageError):
-    """The file system of the data folder lacks a feature that SQLite needs; space is not the problem."""
+    """The file system of the data folder does not support the shared memory that SQLite needs."""
 
     type = "urn:ricochet:problem:unsuitable-folder"
     title = "The data folder is on an unsuitable file system"
@@ -417,7 +418,7 @@ class ProblemType:
 
     @classmethod
     def of(cls, exception: BaseException) -> Self:
-        """Return the problem type of an exception; unexpected exceptions are failures of the service."""
+        """Return the problem type of an exception. The type of an unexpected one is that of `ServiceError`."""
         if isinstance(exception, ServiceError):
             return cls(exception.status, exception.type, exception.title)
         for ancestor in type(exception).__mro__:
@@ -427,7 +428,7 @@ class ProblemType:
 
     @classmethod
     def of_status(cls, status: int) -> Self:
-        """Return the problem type of a bare HTTP status."""
+        """Return the problem type of an error that has only an HTTP status."""
         found = HTTPStatus(status)
         name, title = STATUS_PROBLEMS.get(found, ("", ""))
         return cls(found, f"urn:ricochet:problem:{name}" if name else "about:blank", title or found.phrase)
@@ -475,7 +476,7 @@ def field_errors(exception: BaseException) -> list[dict[str, str]]:
 
 
 def errors_found(error: ValidationError) -> list[Any]:
-    """Return the first `MAX_ERRORS` pydantic errors, without links to the documentation of pydantic."""
+    """Return the first `MAX_ERRORS` errors of a failed validation, without links to the documentation of pydantic."""
     return error.errors(include_url=False)[:MAX_ERRORS]
 
 
@@ -546,7 +547,7 @@ def errors_of_point(grid: Grid, number: int, point: Sequence[float]) -> Iterator
 def problem_of(exception: BaseException) -> dict[str, Any]:
     """Return the problem document of an exception, without `instance`.
 
-    The cause of an unexpected error is written to the log only, because its message may contain paths or data.
+    For an unexpected error it only refers to the log, because the message of the error may contain paths or data.
     """
     kind, found = ProblemType.of(exception), field_errors(exception)
     if found:

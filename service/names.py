@@ -176,7 +176,7 @@ OUTCOMES: Final[Mapping[str, str]] = {
     "in_motion": "still in motion",
     "perforated": "perforated",
 }
-"""Display names of the outcomes of a strike, as in the verdict sentence."""
+"""Display names of the outcomes of a strike."""
 STATUSES: Final[Mapping[str, str]] = {
     "converged": "converged",
     "no_ricochet": "no ricochet",

@@ -167,8 +167,8 @@ class Many:
 class ToolText(NamedTuple):
     """A tool of the Model Context Protocol.
 
-    Operations whose tools have the same `name` share one tool. Each takes its request from the argument named by its
-    `field`; if that is empty, the arguments themselves are the request.
+    Operations whose tools have the same `name` share one tool. `field` names the argument that holds the request of the
+    operation; if it is empty, the arguments themselves are the request.
     """
 
     name: str
@@ -186,7 +186,7 @@ class Operation:
     name
         Name in keys, results and metrics, and the path of the route with `_` for `/`.
     compute
-        Function from the canonical request, as JSON, to the answer. It is at the top level of a module, because
+        Function from the canonical request, as JSON, to the answer. It must be at the top level of a module, because
         pickle sends functions to workers by name.
     request, answer
         Models of the request and the answer. Calling `arguments` of a request raises ParameterError if values
@@ -194,7 +194,8 @@ class Operation:
     route, description, tag
         Operation id, description and tag of the route in the contract.
     cases
-        Function that returns the cost of a request against a quota, if it differs from `work`. [ordinary cases]
+        Function that returns the cost of a request against a quota, if `weight` and `work` do not determine it.
+        [ordinary cases]
     weight
         Cost of a case with the adaptive method, which counts against quotas and against the size of a batch that is
         answered in the response. [ordinary cases]
@@ -394,7 +395,7 @@ class StudyOperation:
     sample
         Operation of the samples.
     finding
-        Function from the answer to a sample to the result that the study needs.
+        Function that takes the result that the study needs from the answer to a sample.
     failed, outside
         Results that stand for a failed sample and for a sample outside the accepted range.
     answer
@@ -408,7 +409,7 @@ class StudyOperation:
     answer: Callable[[Any], dict[str, Any]]
 
     def sampler(self, request: Any) -> Callable[[Sequence[Any]], KeyedRequest | None]:
-        """Return a function from the values of a sample to its request, or to None if they are not accepted."""
+        """Return a function that converts the values of a sample to a request, or to None if they are not accepted."""
         model, base, fields = request.sample_model, request.base, [each.field for each in request.uncertain]
 
         def sample(point: Sequence[Any]) -> KeyedRequest | None:
@@ -461,7 +462,7 @@ def answer_study(
 
 
 WALL_CASES = 20
-"""Cost of a search for perforation, which takes 20 to 30 runs [ordinary cases]."""
+"""Cost of a search for perforation, which takes 20 to 30 runs. [ordinary cases]"""
 
 WALL_SEARCHES = 5
 """Largest number of searches in a verdict on a wall: with the resistance of the request, without a plug and a crater,
@@ -476,7 +477,7 @@ PANEL_STEPS = 1e6
 
 
 FIT_CASES = 20
-"""Cost of fitting one strength factor, according to the time that it takes. [ordinary cases]"""
+"""Cost of fitting one strength factor, chosen in proportion to the time that a fit takes. [ordinary cases]"""
 
 
 def cases_of_a_fit(request: Calibration) -> int:
@@ -485,7 +486,7 @@ def cases_of_a_fit(request: Calibration) -> int:
 
 
 def cases_of_motions(request: MotionCalibrationRequest) -> int:
-    """Return the cost of a calibration by motion: one fit for each run and decay law. [ordinary cases]"""
+    """Return the cost of a calibration by motion, counted as one fit for each run and decay law. [ordinary cases]"""
     return len(FreeSurfaceModel) * request.run_count * cases_of_a_fit(request)
 
 
@@ -804,7 +805,7 @@ OPERATIONS: dict[str, Operation] = {
         WALL_VERDICT,
     )
 }
-"""All operations by name. Routes, jobs, tables and commands of a new operation follow from its entry here."""
+"""All operations by name. A new operation gets its routes, jobs, tables and commands from its entry here."""
 
 
 def is_study(operation: str) -> bool:

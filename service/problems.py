@@ -41,7 +41,7 @@ def install_problem_handlers(app: FastAPI) -> None:
 
 def units_named_in(request: Request) -> AbstractContextManager[None]:
     """Return a context in which errors are written in the units that the body of a request names, if it names any."""
-    # The context is left before anything else is awaited. Tasks that outlive the request would otherwise inherit it.
+    # Callers must leave the context before they await anything, since tasks that outlive the request would inherit it.
     return written_in(getattr(request.state, "units", None))
 
 

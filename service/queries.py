@@ -140,7 +140,8 @@ CacheStatus: TypeAlias = Literal["hit", "miss"]
 Answered: TypeAlias = tuple[Record, CacheStatus]
 
 Count: TypeAlias = Callable[[str, str, str, int], None]
-"""Function that counts answered cases. Its arguments are operation, outcome, `hit` or `miss`, and number of cases."""
+"""Function that counts answered cases. Its arguments are the operation, the outcome, `hit` or `miss`, and the number of
+cases."""
 
 log = logging.getLogger(__name__)
 

@@ -225,7 +225,7 @@ OTHER_VARIABLES = frozenset({"RICOCHET_URL", "RICOCHET_API_KEY"})
 
 
 def unknown_variables() -> list[str]:
-    """Return environment variables that have the prefix of settings but are not settings, and may be misspelt."""
+    """Return the environment variables that have the prefix of settings but name no setting, and so may be misspelt."""
     known = {f"RICOCHET_{name.upper()}" for name in Settings.model_fields} | OTHER_VARIABLES
     return sorted(name for name in os.environ if name.upper().startswith("RICOCHET_") and name.upper() not in known)
 

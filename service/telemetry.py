@@ -199,7 +199,7 @@ def tracer_provider() -> trace.TracerProvider:
 
 
 def hide_header(record: logging.LogRecord) -> bool:
-    """Replace OpenTelemetry's warning about a malformed header, because it contains the key for the collector."""
+    """Replace OpenTelemetry's warning about a malformed header, because it repeats the header with its key."""
     record.msg, record.args = "OTEL_EXPORTER_OTLP_HEADERS: an entry is not NAME=VALUE, URL encoded; it is left out", ()
     return True
 
@@ -233,7 +233,7 @@ def current_traceparent() -> str | None:
 def span_within(
     tracer: trace.Tracer, name: str, traceparent: str | None, attributes: Mapping[str, str | int]
 ) -> Iterator[None]:
-    """Trace a part of a job as a child of the request that submitted it, whose `traceparent` was stored."""
+    """Trace a part of a job as a child of the span of the request that submitted the job."""
     parent = PROPAGATOR.extract({TRACEPARENT: traceparent} if traceparent else {})
     with tracer.start_as_current_span(name, context=parent, attributes=attributes):
         yield
@@ -257,7 +257,7 @@ class LinkedTrace:
 
     Notes
     -----
-    It also names the span after the route, which FastAPI does not do for responses that bypass its routes.
+    The middleware also names the span after the route, which FastAPI does not do for responses that bypass its routes.
     """
 
     def __init__(self, app: ASGIApp) -> None:
