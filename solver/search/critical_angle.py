@@ -78,7 +78,7 @@ def critical_angle(
     resistance
         Resistance of the target; by default the strength factor of eq. 9 with elastic-plastic decay.
     numerics
-        Integration route and resolution; adaptive unless given, or panels in the paper's searches.
+        Integration method and resolution; adaptive unless given, or panels in the paper's searches.
     search
         Method, range and tolerance.
     strength_scatter
@@ -93,14 +93,15 @@ def critical_angle(
     Raises
     ------
     ParameterError
-        If an input is outside its range, or the strength factor is not above zero at the lower end of the search.
+        If an input is outside its range, or the strength factor is not above zero at the lower end of the range.
     IntegrationError
         If a trial could not be integrated.
 
     Notes
     -----
     If the strength factor is a polynomial with a covariance, two further searches give the standard error of the angle.
-    If the strength factor falls to zero within the range, the search ends there with the warning ``range_clipped``.
+    If the strength factor falls to zero within the range, the search ends there, and the result has the warning
+    ``range_clipped``.
 
     ``bisection`` and ``secant`` follow section 2.3 and eqs. 7-8 of the source paper. As printed, eq. 7 averages the
     last two angles regardless of their outcome; here the bracket with the change of sign is kept.
@@ -186,7 +187,7 @@ def _standard_error(
 
     If the strength factor has a covariance, two more searches are run, with S one standard error lower and higher.
     """
-    # A central difference over one standard error to either side remains accurate if the angle is not linear in S. Only
+    # A central difference over one standard error to either side is accurate even if the angle is not linear in S. Only
     # trials near the critical angle affect the result, so it is enough to shift the constant of the polynomial, by the
     # standard error of S at that angle.
     model = prepared.resistance.strength_factor
@@ -242,7 +243,7 @@ def _scan(search: Search) -> FloatArray:
     # Without the factor, rounding could add an angle to a range that is a whole number of intervals.
     count = math.ceil((upper - lower) / search.scan_interval * (1.0 - 1e-12)) + 1
     begin, width = math.degrees(lower), math.degrees(upper - lower) / max(count - 1, 1)
-    between = (math.radians(round(begin + i * width, 9)) for i in range(1, count - 1))  # readable in degrees
+    between = (math.radians(round(begin + i * width, 9)) for i in range(1, count - 1))  # few digits in degrees
     return np.array([lower, *between, upper])
 
 
@@ -265,7 +266,7 @@ def _search_outcome(prepared: PreparedCase, impact: Impact, search: Search) -> t
 def _near_perforation(
     prepared: PreparedCase, impact: Impact, bracket: tuple[Trial, Trial]
 ) -> tuple[float, float, float]:
-    """Return the angle of a change to or from perforation, and the energy that is left half a degree to either side.
+    """Return the angle of a change to or from perforation, and the energy left half a degree to either side of it.
 
     If the angle half a degree below the change would be negative, normal impact is used instead.
 
@@ -285,7 +286,7 @@ def _near_perforation(
 
 
 def _energy_behind(prepared: PreparedCase, impact: Impact, oblique_angle: float) -> float:
-    """Return the fraction of the energy left behind the wall; 0 without perforation, or if the run fails. [1]"""
+    """Return the fraction of the energy left behind the wall; 0 if it is not perforated or the run fails. [1]"""
     if oblique_angle >= math.pi / 2.0:
         return 0.0
     strike, model = replace(impact, oblique_angle=oblique_angle), prepared.model
@@ -488,9 +489,10 @@ def _retention_warnings(prepared: PreparedCase, change: Change) -> list[ModelWar
 
 
 def _depends_on_retention(without: float, having: float, retention: float) -> bool:
-    """Return whether the angle of a change moves by more than half a degree over `RETENTION_RANGE`.
+    """Return whether the angle of a change moves by more than half a degree if the retention energy varies.
 
-    The range is 0.1 to 10 times the retention energy in use.
+    The retention energy varies over `RETENTION_RANGE`, 0.1 to 10 times the one in use. The shift is an estimate that
+    takes the energy left to be linear in the angle.
 
     Parameters
     ----------
@@ -504,8 +506,8 @@ def _depends_on_retention(without: float, having: float, retention: float) -> bo
 
 def _inertia_shift(prepared: PreparedCase, change: Change) -> float | None:
     """Return the shift of the angle for a moment of inertia 10 % larger, to first order; None if unknown. [rad]"""
-    # The energy left falls with the inertia and rises with the angle. The ratio of the two slopes gives the shift of
-    # the angle at which it equals the retention energy, without another search.
+    # The energy left decreases with the inertia and increases with the angle. The ratio of the two slopes gives the
+    # shift of the angle at which the energy left equals the retention energy, without another search.
     if change.nearby is None:
         return None
     _, above, with_more = change.nearby

@@ -1,10 +1,11 @@
 """Search for the angles at which the outcome changes, in one compiled call.
 
-A scan tries angles over the whole range on the coarsest level of accuracy. Each change of outcome between two of them
-is then narrowed on its own, level by level. The margin of a trial, its remaining energy minus the retention energy,
-varies smoothly with the angle near a change, so regula falsi converges. Each finer level brackets the change anew,
-starting at the root of the previous level. The last level is used only where the error of a root may be too large. The
-changes must connect the outcomes at both ends of the range; otherwise the scan is repeated on the requested level.
+A scan tries angles over the whole range on the coarsest of four levels of accuracy (`solver.search.trials`). Each
+change of outcome between two of them is then narrowed on its own, level by level. The margin of a trial, its remaining
+energy minus the retention energy, varies smoothly with the angle near a change, so regula falsi converges. Each finer
+level brackets the change anew, starting at the root of the previous level. The last level is used only where the error
+of a root may be too large. The changes must connect the outcomes at both ends of the range; otherwise the scan is
+repeated on the requested level.
 """
 
 import math
@@ -52,18 +53,19 @@ MOST_TRIALS = 2000
 # tolerance, and is the last one. The value is just under one half, so two trials, one on each side of a root, also
 # leave a bracket within the tolerance.
 KEEP_OFF = 0.45
-"""Least distance of a trial from the ends of the bracket, as a fraction of the tolerance. [1]"""
+"""Distance that a trial keeps from the ends of the bracket, as a fraction of the tolerance; a quarter of the bracket if
+that is less. [1]"""
 # Where the margin is not smooth, regula falsi may shrink a bracket slowly; bisection then bounds the number of trials.
 # Three is a rough choice.
 PATIENCE = 3
 """Number of trials after which a bracket is bisected if they have not halved it."""
-# If the slope of the margin is much too small, a stride computed from it would pass over the change; the value is a
-# rough choice.
+# If the slope of the margin is estimated much too small, a stride computed from it passes over the change. The value is
+# a rough choice.
 GROWTH = 4.0
 """Largest ratio of two consecutive strides toward a change. [1]"""
 # The error of a root is estimated by SHIFT_ERROR × (shift between two levels) + MARGIN_ERROR / (growth of the margin).
-# With these coefficients the estimate exceeded `DOUBT` for every strike that needs the last level, in the strikes
-# described there.
+# In the strikes described at `DOUBT`, the estimate with these coefficients exceeded `DOUBT` for every strike that needs
+# the last level.
 SHIFT_ERROR = 0.12
 """Estimated error of a root, as a fraction of its shift between the last two levels. [1]"""
 # Two levels with the same error agree on a wrong root. An error of the margin shifts a root by the error over the slope
@@ -73,7 +75,7 @@ MARGIN_ERROR = 9e-4
 # Where the margin oscillates about zero, the roots of two levels are far apart, and a single trial proves nothing.
 # Without this limit one unusual strike was 0.75° off.
 NEAR = math.radians(0.1)
-"""Largest shift of a root between two levels with which one trial on the last level may settle it. [rad]"""
+"""Largest shift of a root between two levels at which a single trial on the last level may suffice. [rad]"""
 # `margin_growth` returns 0 for an unknown growth, by which the estimate would divide. With this value instead, the last
 # level is always used.
 LEAST_GROWTH = 1e-3
@@ -167,8 +169,8 @@ def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int,
 
     The last level is used if it is finer than the requested one, and either the estimated error of the root is above
     `DOUBT` or a trial beside the change is undecided. Its first trial is at the root of the requested level. That trial
-    is the only one if no trial beside the change is undecided, the root has moved by at most `NEAR` between levels, and
-    the margin of the trial moves it by at most `DOUBT`.
+    is the only one if no trial beside the change is undecided, the root has moved by at most `NEAR` between the last
+    two levels, and the margin of that trial shifts the root by at most `DOUBT`.
     """
     trials, levels, place, shift, tried = search.table.rows, search.levels, math.nan, math.nan, -1
     begun = count = search.table.filled[0]
@@ -209,16 +211,19 @@ def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int,
 
 @lean
 def is_same_change(bracket: IntArray, right: int, trials: FloatArray, level: Level) -> bool:
-    """Return whether a change equals the previous one, which happens where outcomes on a coarse level alternate."""
+    """Return whether the change just below trial `right` is the one in `bracket`, the previous bracket.
+
+    A change is found twice where outcomes alternate on a coarse level.
+    """
     shift = trials[right, ANGLE] - trials[bracket[1], ANGLE]
     return bool(abs(shift) <= 2.0 * level.tolerance and turned_away(trials[right]) == turned_away(trials[bracket[1]]))
 
 
 # The margin is small near a change. A scan that tries the angles between two trials only where a margin is small takes
-# 11 trials for the paper's strike instead of 17. With 0.15, 400 random strikes showed the same changes as before.
+# 11 trials for the paper's strike instead of 17. With 0.15, the changes in 400 random strikes were the same.
 CLEAR = 0.15
 """Absolute margin of two adjacent trials with the same outcome, above which a scan skips the angles between. [1]"""
-# A coarse trial with such a small margin may have the wrong outcome, which would place the change between the wrong
+# A coarse trial with a smaller margin may have the wrong outcome, which would place the change between the wrong
 # angles.
 UNSURE = 0.95
 """Ratio of the absolute margin to the retention energy, below which a coarse trial is repeated. [1]"""
@@ -229,13 +234,13 @@ MORE_INERTIA = 1.02
 """Factor on the moment of inertia in the trial that measures its effect. [1]"""
 # If S varies strongly between two trials, they may hide a band of another outcome; the value is a rough choice.
 MOST_STRENGTH_BEND = 0.1
-"""Largest relative deviation of S midway between two trials from the mean of its values at both, with which the angles
+"""Largest relative deviation of S midway between two trials from the mean of its values at both, up to which the angles
 between are skipped. [1]"""
 # Where S falls steeply with the angle, a projectile may be embedded at small angles because it strikes nearly along the
 # normal, and at large angles because S is too small to turn it. A critical angle between two such trials was once
 # missed, and the result was 19° too large.
 LEAST_STRENGTH_RATIO = 0.5
-"""Least ratio of the smaller to the larger S of two embedded trials, with which the angles between are skipped. [1]"""
+"""Least ratio of the smaller to the larger S of two embedded trials at which the angles between are skipped. [1]"""
 
 
 class Found(NamedTuple):
@@ -276,7 +281,7 @@ def _scan(angles: FloatArray, level: Level, search: SearchState) -> int:
     Returns
     -------
     int
-        Number of these trials; 0 if one could not be integrated.
+        Number of these trials; 0 if one has failed.
     """
     trials, numbers, last = search.table.rows, search.table.numbers, angles.size - 1
     for i in range(angles.size):

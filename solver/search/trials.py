@@ -59,13 +59,13 @@ class Level(NamedTuple):
 
 
 Levels = tuple[Level, Level, Level, Level]
-# Usual trials take some tens of steps. A trial that takes more steps than this cannot follow the motion, and is
-# repeated on the requested level.
+# Usual trials take some tens of steps. A trial that reaches this limit does not resolve the motion, and is repeated on
+# the requested level.
 MOST_STEPS = 1000
 """Largest number of steps of a trial on the first two levels."""
 # Two stations, two points and a tolerance of 0.03 locate a change to a few tenths of a degree at a quarter of the cost
 # of the requested level. The ramp is as wide as this tolerance allows, so that long steps do not chatter once the body
-# is stuck, which reduced the evaluations of a trial from 1,831 to 499.
+# is stuck. This reduced the evaluations of a trial from 1,831 to 499.
 ROUGH_LEVEL = Level(
     quadrature=build_quadrature(stations=2, points=2),
     accuracy=Accuracy(relative_tolerance=3e-2, largest_step=1.0, most_steps=MOST_STEPS),
