@@ -1,4 +1,4 @@
-"""Strength factors from depths (section 3.1) and motion histories (section 3.2), and over the angle (eq. 9)."""
+"""Fits of the strength factor to depths (section 3.1) and motions (section 3.2), and of a polynomial to it (eq. 9)."""
 
 from solver.calibration.decay_laws import DecayLawFits, fit_decay_laws
 from solver.calibration.depth import DepthFit, DepthTest, fit_depth, penetration_depths

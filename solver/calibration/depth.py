@@ -166,7 +166,7 @@ def penetration_depths(
     resistance
         Inertia factor and decay; its strength factor is not used.
     numerics
-        Integration route and resolution; adaptive unless given.
+        Integration method and resolution; adaptive unless given.
 
     Returns
     -------
@@ -216,7 +216,7 @@ def fit_depth(
     resistance
         Inertia factor and decay; its strength factor is not used.
     numerics
-        Integration route and resolution; adaptive unless given.
+        Integration method and resolution; adaptive unless given.
     confidence_level
         Confidence level of the interval. [1]
 

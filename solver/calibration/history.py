@@ -1,4 +1,4 @@
-"""Motion histories to fit: displacements and rotation over time, their weights, and strikes that compute them."""
+"""Motion histories to fit: displacements and rotation over time, their weights, and their prediction."""
 
 import math
 from dataclasses import dataclass, field, fields, replace
@@ -70,7 +70,7 @@ class MotionHistory(ComparedByFields):
 
     @property
     def columns(self) -> dict[str, FloatArray]:
-        """Given quantities, by name."""
+        """Quantities that are not None, by name."""
         given = {name: getattr(self, name) for name in QUANTITIES}
         return {name: values for name, values in given.items() if values is not None}
 
@@ -238,7 +238,7 @@ def predict_motion(
     resistance
         Inertia factor and decay; its strength factor is not used.
     numerics
-        Integration route and resolution; adaptive unless given. The termination time is the last of `times`.
+        Integration method and resolution; adaptive unless given. The termination time is the last of `times`.
 
     Returns
     -------

@@ -29,7 +29,7 @@ from solver.strike import Impact, Numerics
 from solver.target import Target
 from solver.warnings import ModelWarning
 
-# With this tolerance motions are accurate to micrometres and thousandths of a degree, so difference quotients with
+# With this tolerance motions are accurate to micrometres and thousandths of a degree, so central differences with
 # respect to S are smooth.
 FIT_TOLERANCE = 1e-6
 """Default relative tolerance of the runs of a fit. [1]"""
@@ -43,12 +43,12 @@ FIRST_LOOK = 41
 """Number of strength factors on the coarse grid."""
 # Residuals are divided by the span of their quantity, so a quantity that hardly changes would have an unlimited weight.
 SMALLEST_SPAN = 1e-3
-"""Least span of a quantity, over the body length or one radian. [1]"""
-# A variance takes more than one sample, however strong the autocorrelation of the residuals.
+"""Least span by which the residuals of a quantity are divided, over the body length or one radian. [1]"""
+# A variance needs more than one sample, however strong the autocorrelation of the residuals.
 FEWEST_SAMPLES = 2.0
 """Least number of independent samples of a quantity."""
-# If the sum of squares at another minimum is at most half as large again as the least one, both are possible; the value
-# is a rough choice.
+# If the sum of squares at another minimum is less than 1.5 times the least, either minimum may be the true one; the
+# value is a rough choice.
 RIVAL = 1.5
 """Ratio of the sum of squares at another minimum to the least one, below which a warning names that minimum. [1]"""
 # A good fit of a smooth motion explains more than 99 % of the variance. The value is a rough choice.
@@ -189,7 +189,7 @@ def fit_motion(
     resistance
         Inertia factor and decay; its strength factor is not used.
     numerics
-        Integration route and resolution; adaptive unless given.
+        Integration method and resolution; adaptive unless given.
     confidence_level
         Confidence level of the interval. [1]
 
@@ -351,8 +351,8 @@ def _estimate(runs: Sequence[_Run], best: float, confidence_level: float) -> Est
     for square, slope, error in parts:
         bread = square * slope
         freedom = _independent(error) - bread / total
-        # The variance of a residual is its mean square times n, over the number of independent samples less those that
-        # the fit uses. The n cancels.
+        # The mean square of n correlated residuals is multiplied by n and divided by the number of independent samples,
+        # minus the share of the fitted parameter that this quantity determines. The n cancels.
         part = square * bread * float(error @ error) / freedom
         variance += part
         spread += part**2 / freedom

@@ -13,15 +13,15 @@ from solver.display import DataFrame
 from solver.resistance import ObliquityPolynomial
 from solver.warnings import ModelWarning
 
-# Published values lie between 5 and 22. A fit outside this range indicates a wrong input.
+# Published values lie between 5 and 22, so a fit below 0.5 or above 50 indicates a wrong input.
 LOWEST, HIGHEST = 0.5, 50.0
 """Range of strength factors in a fit. [1]"""
-# A minimum so close to an end of the range is not a true minimum: the sum of squares still decreases there.
+# A minimum this close to an end of the range is not a true minimum: the sum of squares still decreases there.
 BOUND_MARGIN = 1e-3
 """Distance in ln S from an end of the range within which a minimum is rejected. [ln]"""
 # A motion changes over this increment by far more than the error of a run, about 1e-6.
 LOG_STEP = 1e-3
-"""Increment of ln S in difference quotients. [ln]"""
+"""Increment of ln S in central differences. [ln]"""
 # A change of 1e-6 is far below any standard error of a fit.
 FIT_TOLERANCE = 1e-6
 """Change of ln S at which a fit ends. [ln]"""
@@ -34,7 +34,7 @@ ROUGHLY = 1e-3
 """Tolerance of ln S in the comparison of local minima. [ln]"""
 # The square of a smaller slope may underflow, and the normal equation would divide by zero.
 SMALLEST_SLOPE = 1e-30
-"""Derivative of the residuals with respect to ln S, above which they determine S."""
+"""Largest absolute derivative of a residual with respect to ln S, above which the residuals determine S."""
 # The deepest minimum on the coarse grid need not be the deepest of all. Three is a rough choice.
 REFINED = 3
 """Largest number of local minima that are compared before a fit."""
@@ -172,10 +172,11 @@ def _undetermined(field: str) -> UndeterminedError:
 HIGHEST_ORDER = 9
 """Highest order of a polynomial in the angle."""
 RIGHT_ANGLE = 90.0
-"""Angle that has the value 1 in a fit. [°]"""
+"""Angle by which all angles are divided in a fit. [°]"""
 # One in a hundred is a rough choice.
 UNLIKELY = 0.01
-"""Probability of a larger scatter, below which a warning calls the standard errors of the points too small. [1]"""
+"""Probability of a scatter larger than found, below which a warning says that the standard errors of the points are too
+small or the order too low. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -238,7 +239,8 @@ def fit_obliquity(*, points: "Sequence[ObliquityPoint] | DataFrame", order: int 
     Raises
     ------
     ParameterError
-        If a point is outside its range, or there are fewer different angles than coefficients.
+        If an input is outside its range, only some points have a standard error, or the angles are too few or too close
+        together for the order.
 
     Notes
     -----
@@ -248,7 +250,7 @@ def fit_obliquity(*, points: "Sequence[ObliquityPoint] | DataFrame", order: int 
     degrees, values, errors = _columns(points, order)
     scales = RIGHT_ANGLE ** -np.arange(order + 1.0)
     # The angle is divided by 90°, so that powers up to the ninth have similar sizes. The singular value decomposition
-    # reveals a rank deficiency, and avoids the normal equations, whose condition number would be squared.
+    # reveals a rank deficiency, and avoids the normal equations, which would square the condition number.
     matrix = np.vander(degrees / RIGHT_ANGLE, order + 1, increasing=True) / errors[:, None]
     left, singular, right = np.linalg.svd(matrix, full_matrices=False)
     least = max(matrix.shape) * np.finfo(np.float64).eps * singular[0]
