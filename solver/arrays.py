@@ -50,9 +50,8 @@ def interpolation(degree: int) -> tuple[FloatArray, FloatArray]:
 
     The coefficients begin with the constant term.
     """
-    # Interpolation at Chebyshev nodes comes close to the best polynomial of its degree without a search for it. The
-    # Chebyshev coefficients are computed first, because inverting the Vandermonde matrix of the powers would be
-    # ill-conditioned.
+    # Interpolation at Chebyshev nodes is nearly as accurate as the best polynomial of the same degree. The Chebyshev
+    # coefficients are computed first, because the Vandermonde matrix of the powers is ill-conditioned.
     nodes = np.cos((np.arange(degree + 1) + 0.5) * np.pi / (degree + 1))
     series = np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, degree))
     powers = np.zeros((degree + 1, degree + 1))
@@ -62,13 +61,13 @@ def interpolation(degree: int) -> tuple[FloatArray, FloatArray]:
 
 
 def fit(function: Callable[[FloatArray], FloatArray], degree: int) -> FloatArray:
-    """Return the (degree + 1,) coefficients, constant first, of a polynomial close to `function` on [-1, 1]."""
+    """Interpolate a function on [-1, 1] by a polynomial; return its (degree + 1,) coefficients, constant first."""
     nodes, matrix = interpolation(degree)
     return np.asarray(matrix @ function(nodes))
 
 
 def _sine_ratio(t: FloatArray) -> FloatArray:
-    # sin(x)/x is even, so it is a smooth function of x² and needs half the degree of a polynomial for the sine itself.
+    # sin(x)/x is even, so a polynomial in x² needs half the degree of a polynomial in x.
     x = np.sqrt((t + 1.0) / 2.0) * np.pi / 2.0
     return np.sin(x) / x
 

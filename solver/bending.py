@@ -22,8 +22,8 @@ from solver.projectile import Arc, MassProperties, Projectile, mass_properties
 from solver.surface import LINE, Body, Panels, build_body
 from solver.units import fixed, quantity, with_symbol
 
-# A parabola gives the peak between two cross-sections. For the paper's body it is within 0.5 % of the peak found with
-# 200 slices.
+# The peak between two cross-sections is interpolated by a parabola. For the paper's body it is within 0.5 % of the peak
+# found with 200 slices.
 SLICES = 16
 """Number of slices of a body."""
 # In the paper's strikes the peak found is within 0.5 % of the largest stress over all steps of the integration, and
@@ -31,8 +31,8 @@ SLICES = 16
 INSTANTS = 20
 """Largest number of instants in the first pass over a run."""
 INSTANTS_NEAR_PEAK = 10
-"""Largest number of instants in the second pass, on both sides of the largest stress of the first; rounding may add
-one."""
+"""Largest number of instants in the second pass, between the neighbours of the instant with the largest stress in the
+first; rounding may add one."""
 # In six strikes of the paper's body, from 0° to 75°, the peak is within 0.1 % of the peak with 16 points, which is less
 # than the error due to slices and instants.
 STATIONS = 4
@@ -44,10 +44,10 @@ GAUSS_POINTS = 8
 # method of integration, so independent programs disagree about the stress.
 ENERGY_LEFT = 0.05
 """Share of the initial kinetic energy below which the stress is no longer computed. [1]"""
-# The stress is computed up to the release only. A part that touches the target again later, mostly the tail, meets
+# The stress is computed only up to the release. A part that touches the target again later, mostly the tail, meets
 # concrete that the nose has broken, but that the model treats as intact.
 RELEASED = 1e-6
-"""Ratio of the acceleration to the largest so far, up to which the projectile counts as released. [1]"""
+"""Acceleration over the largest acceleration so far, at or below which the projectile counts as released. [1]"""
 # The tolerances allow for values from a drawing, which are rounded to two or three digits.
 CENTER_WITHIN, INERTIA_WITHIN = 0.005, 0.02
 """Largest deviations from a homogeneous solid of the same shape at which the mass still counts as evenly distributed:
@@ -136,7 +136,7 @@ def bending_of(
     model
         Model with the law of the strike.
     steps
-        Table of the steps of the run.
+        Table of the steps of the run, see `solver.motion`.
     with_history
         Whether to keep the stress over time.
     slices, instants
@@ -180,7 +180,7 @@ def bending_of(
 def _vertex(values: FloatArray, place: int) -> tuple[float, float]:
     """Return position and height of the vertex of the parabola through the largest value and its neighbours.
 
-    The position is relative to the largest value, in intervals.
+    The position is relative to that of the largest value, in intervals between values.
     """
     if not 0 < place < values.size - 1:
         return 0.0, float(values[place])
@@ -278,7 +278,8 @@ class _Slices(NamedTuple):
     first_panels: IntArray
     """(n + 1,) index of the first panel of each slice, then the number of panels."""
     crater_depth: float
-    """Depth of the crater. It weakens all slices alike, by the depth of the deepest point of the whole body. [m]"""
+    """Depth of the crater. The loads on all slices are reduced by the same factor, which depends on the depth of the
+    deepest point of the whole body. [m]"""
     states: FloatArray
     """(6 `MOST_STATES`,) states, concatenated."""
     accelerations: FloatArray
@@ -441,8 +442,8 @@ def _write_stress(
 def _speed_change(steps: FloatArray, body: Body, change: FloatArray) -> int:
     """Write the sum of the velocity changes before each step, and return the number of steps to evaluate.
 
-    The last of these steps is the release, the step at which 95 % of the energy is lost, or the last of the run.
-    [m/s, 1]
+    The last of these steps is the first at whose beginning the projectile is released or has lost 95 % of its energy,
+    or else the last of the run. [m/s, 1]
     """
     left = greatest = 0.0
     for i in range(steps.shape[0]):
@@ -493,7 +494,7 @@ def _follow_stress(
         Number of instants written.
     """
     change = cut.change
-    # The stress is computed at the ends of steps only: states within a step are interpolated, and their loads scatter
+    # The stress is computed only where steps begin: states within a step are interpolated, and their loads scatter
     # where the body moves along its axis. The instants divide the change of velocity into equal parts, so they are
     # close together where the loads are large.
     last = _speed_change(steps, model.body, change) - 1

@@ -17,8 +17,8 @@ GRAVITY = 9.80665
 # Drag coefficients of blunt bodies are about 1; the value is a rough choice.
 TUMBLING_DRAG = 1.0
 """Default drag coefficient: that of a tumbling body, for its mean projected area. [1]"""
-# With this tolerance distances are accurate to a millimetre in a kilometre, and smooth enough over the elevation for
-# the search for the greatest distance.
+# With this tolerance distances are accurate to a millimetre in a kilometre, and vary with the elevation smoothly enough
+# for the search for the greatest distance.
 TOLERANCE = 1e-10
 """Relative tolerance of the integration. [1]"""
 # The distance has zero slope at its maximum, so the relative error of the distance is of the order of the square of
@@ -27,7 +27,7 @@ ELEVATION_TOLERANCE = 1e-5
 """Tolerance of the elevation of the farthest flight. [rad]"""
 
 IncidencePlane: TypeAlias = Literal["up", "level", "down"]
-"""Direction in which the body travels on a tilted face: up, level or down."""
+"""Direction in which the body travels along a tilted face: up, level or down."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -331,7 +331,7 @@ def _path(speed: float, elevation: float, drag: float, height: float) -> _Path:
 
 
 def _longest(climb: float, drag: float, height: float) -> float:
-    """Return an upper bound of the time of flight, up to which it is integrated. [s]"""
+    """Return an upper bound on the time of flight, at which the integration ends. [s]"""
     # With drag the rise takes less time than in vacuum. The fall takes at most the sum of the time in vacuum, the time
     # at terminal speed, and a multiple of the time constant with which that speed is reached. The factor 2 is a margin.
     rise = max(climb, 0.0) / GRAVITY

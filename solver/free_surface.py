@@ -134,7 +134,7 @@ FreeSurface: TypeAlias = ElasticPlastic | MohrCoulomb | NoFreeSurface
 
 
 def decay_laws(*, inertia: bool = False) -> tuple[FreeSurface, ...]:
-    """Return all decay laws; with `inertia`, those that can include the inertia of the expanding solid do so."""
+    """Return all decay laws; if `inertia` is true, those that can include the inertia of the expanding solid do so."""
     return ElasticPlastic(inertia=inertia), MohrCoulomb(inertia=inertia), NoFreeSurface()
 
 

@@ -7,8 +7,9 @@ of several states at a time, in one loop.
 In a wall, the rear face weakens the resistance to elements whose normals point toward it, and the impact face weakens
 the resistance to all others, both by the same decay function of the distance to the face along the normal. Elements
 beyond the rear face, or in a plug that shears out, carry no load. A ring then has up to four arcs, in order of
-increasing cos β: near the rear face, far from it, far from the impact face, and near the impact face. Each ring is
-stored twice: once with its arcs toward the impact face, once with its arcs toward the rear face.
+increasing cos β, where β is the angle around the axis: near the rear face, far from it, far from the impact face, and
+near the impact face. Each ring is stored twice: once with its arcs toward the impact face, once with its arcs toward
+the rear face.
 """
 
 import math
@@ -120,13 +121,14 @@ class Scratch(NamedTuple):
     attitudes: FloatArray
     """(`MOST_STATES`, 3) cosine of the axis angle, and absolute value and sign of its sine."""
     ends: IntArray
-    """(`MOST_STATES`, 2) index after the last ring of each state, and after its last ring from `FULL` on."""
+    """(`MOST_STATES`, 2) index after the last ring of each state, among the rings below `FULL` and among those from
+    `FULL` on."""
 
 
 def build_law(
     *, resistance: Resistance, target: Target, projectile: Projectile, strength_factor: float, ramp_velocity: float
 ) -> Law:
-    """Build the resistance of `target` for the strength factor of one strike."""
+    """Build the resistance law of a target for the strength factor of one strike."""
     thickness, crater = math.inf if target.thickness is None else float(target.thickness), resistance.crater
     return Law(
         static_stress=float(strength_factor * target.compressive_strength),
@@ -237,7 +239,7 @@ def _add_up(first: int, last: int, body: Body, scratch: Scratch, out: FloatArray
 
 @lean
 def weaken_in_crater(states: FloatArray, body: Body, crater_depth: float, out: FloatArray) -> None:
-    """Scale the accelerations of each state by the depth of its deepest point over the crater depth, at most 1."""
+    """Scale the accelerations in each state by the depth of the deepest point over the crater depth, from 0 to 1."""
     for k in range(out.size // 3):
         depth = states[6 * k] + deepest_offset(body, states[6 * k + 2])
         share = min(max(depth / crater_depth, 0.0), 1.0)

@@ -36,7 +36,8 @@ NEGLIGIBLE_LOAD = 1e-6
 """Load below which a body counts as unloaded, over static stress × (distance from centre of gravity to tip)². [1]"""
 STEP_WIDTH = 26
 """Number of columns in a table of steps: time, length, and four groups of six."""
-# GRK4T has four stages; the error estimate from the end of a step is stored as a fifth.
+# GRK4T, the method in `solver.time_integration`, has four stages. The error estimate from the end of a step is stored
+# as a fifth.
 MOST_STAGES = 5
 """Number of rows of `Workspace.stages`."""
 # The static stress vanishes with the velocity, so the energy never reaches zero. This threshold is a hundredth of the
@@ -246,7 +247,7 @@ class Termination(IntEnum):
     TIME = 0
     """Termination time reached."""
     REST = 1
-    """Kinetic energy at or below the rest threshold."""
+    """Kinetic energy at or below the rest threshold or, with fixed steps, too small for a step to resolve."""
     RETAINED = 2
     """Less than the retention energy left, and either unloaded and not moving inward, beyond the rear face, tumbling,
     or at the termination time."""
@@ -270,7 +271,7 @@ class Termination(IntEnum):
 
 
 class Thresholds(NamedTuple):
-    """Kinetic energies that end a run, over the initial energy without the rotation of a sphere. [1]"""
+    """Kinetic energies that decide how a run ends, over the initial energy without the rotation of a sphere. [1]"""
 
     retention: float
     """Energy below which a projectile counts as retained when the run ends."""
@@ -373,8 +374,8 @@ def _release_fraction(step: FloatArray, model: Model, work: Workspace, state: Fl
 def _is_clear(state: FloatArray, body: Body) -> bool:
     """Return whether the body has left through the impact face and cannot touch it again."""
     # In free flight the velocity and the spin are constant. Either the whole body is outside and leaves faster than any
-    # of its points can turn inward, or it is too far out to touch the face in any attitude. Ending a run as soon as the
-    # first condition holds took 25 steps at 80° instead of 59.
+    # of its points can turn inward, or it is too far out to touch the face in any attitude. The first condition reduced
+    # a run at 80° from 59 steps to 25.
     reach = 0.0
     for i in range(body.corners.shape[0]):
         reach = max(reach, math.hypot(body.corners[i, 0], body.corners[i, 1]))
