@@ -59,7 +59,7 @@ class Cancellation:
 
         answer = cancellation.run(critical_angle, projectile=projectile, target=target, velocity=238.0)
 
-    In another thread, after which the first one raises `CancelledError` within a step::
+    In another thread; the first one then raises `CancelledError` within a step::
 
         cancellation.cancel()
     """
@@ -85,7 +85,7 @@ class Cancellation:
             _current.reset(token)
 
     def cancel(self) -> None:
-        """Cancel all computations, from any thread; further calls have no effect."""
+        """Cancel the running and the future computations of this object; can be called from any thread."""
         with self._lock:
             self._cancelled = True
             for control in self._controls.values():
@@ -110,7 +110,7 @@ _current: ContextVar[Cancellation | None] = ContextVar("cancellation", default=N
 
 
 class ComputingThreads(ThreadPoolExecutor):
-    """Thread pool that cancels its computations if its block is left by an exception, such as Ctrl-C."""
+    """Thread pool that cancels its computations if an exception, such as Ctrl-C, ends its ``with`` block."""
 
     def __init__(self, count: int) -> None:
         super().__init__(count, "solver")
@@ -138,7 +138,7 @@ def compute(function: Callable[[IntArray], Result], panels: int = 0) -> Result:
         Function that passes the control to the compiled code. It may be called twice, so it must allocate the arrays
         that it writes to.
     panels
-        Number of panels. The more there are, the longer a step takes, and the fewer steps the main thread takes.
+        Number of panels. With more panels a step takes longer, so fewer steps are allowed in the main thread.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Errors of the solver, and checks of inputs, whose errors name the field and its bound.
+"""Errors of the solver, and checks of inputs, which name the invalid field and its bound.
 
     RicochetError
-    ├── ParameterError      an input is outside its range, or of another type
+    ├── ParameterError      an input is outside its range, or of the wrong type
     └── IntegrationError    the motion could not be integrated
         └── StepLimitError  more steps than a run may take
 
@@ -35,10 +35,11 @@ class ParameterError(RicochetError, ValueError):
     field
         Dotted name of the input, such as ``projectile.length``.
     requirement
-        Condition that the input must satisfy, with the bound and the value found. With `amounts`, it has ``{}`` in the
-        place of each.
+        Condition that the input must satisfy, with the bound and the value found. If there are `amounts`, it has ``{}``
+        in place of each.
     amounts
-        Quantities in the condition. They are formatted when the message is read, in the units of `written_in` there.
+        Quantities in the condition. They are formatted when the message is read, in the units that
+        `solver.units.written_in` has set by then.
     """
 
     def __init__(self, field: str, requirement: str, *amounts: Amount) -> None:
@@ -53,7 +54,7 @@ class ParameterError(RicochetError, ValueError):
     @property
     def requirement(self) -> str:
         """Condition that the input must satisfy, with the bound and the value found."""
-        # Without amounts the text may have braces of its own, such as those of a value that it quotes.
+        # A text without amounts may contain braces, for instance in a value that it quotes.
         return self._condition.format(*self.amounts) if self.amounts else self._condition
 
     def __str__(self) -> str:
@@ -67,7 +68,7 @@ class ParameterError(RicochetError, ValueError):
         before
             Words before the condition.
         unit
-            SI unit in which texts show the input, for the amounts that lack one.
+            SI unit in which texts show the input, for the amounts without a unit.
         """
         if self.amounts:
             before = before.replace("{", "{{").replace("}", "}}")
@@ -80,7 +81,7 @@ class IntegrationError(RicochetError):
 
 
 class StepLimitError(IntegrationError):
-    """Raised if an integration takes more steps than one run may.
+    """Raised if an integration takes more steps than a run may take.
 
     Parameters
     ----------
@@ -104,7 +105,7 @@ def plain(value: Any) -> Any:
 
 
 def rows_of(field: str, rows: Any, kind: type[Row]) -> list[Row]:
-    """Return a list of dataclass objects, given as such or as a DataFrame with a row for each.
+    """Convert a sequence of dataclass objects, or a DataFrame with a row for each object, to a list of objects.
 
     Parameters
     ----------
@@ -114,7 +115,7 @@ def rows_of(field: str, rows: Any, kind: type[Row]) -> list[Row]:
     Raises
     ------
     ParameterError
-        If the columns are not those of the dataclass, or an item is of another type.
+        If a required column is missing, a column is unknown, or an item is of another type.
     """
     if hasattr(rows, "columns"):
         needed = [each.name for each in fields(kind) if each.default is MISSING]  # type: ignore[arg-type]
@@ -146,7 +147,7 @@ def require_number(field: str, value: object) -> float:
     Raises
     ------
     ParameterError
-        If the value is a bool, a string, an array with at least one dimension, or any other object.
+        If the value is anything else, such as a bool, a string or an array with at least one dimension.
     """
     if isinstance(value, float | int) and not isinstance(value, bool):
         return float(value)
@@ -187,7 +188,7 @@ def require_finite(field: str, value: float) -> None:
 
 
 def require_positive(field: str, value: float, unit: str | None = "") -> None:
-    """Raise `ParameterError` unless a value is a finite number above zero; `unit` is that of an `Amount`."""
+    """Raise `ParameterError` unless a value is a finite number above zero; `unit` is passed to `Amount`."""
     require_number(field, value)
     amounts = Amount(0.0, unit), Amount(value, unit)
     require(math.isfinite(value) and value > 0.0, field, "must be greater than {}, got {}", *amounts)
@@ -252,8 +253,8 @@ BOUNDS: Mapping[str, Bound] = {
     "target.youngs_modulus": Bound(1e6, 1e12, "GPa", "pascals", (("GPa", 1e9), ("MPa", 1e6))),
     "target.poissons_ratio": Bound(0.0, 0.5, "", "a ratio"),
     "target.thickness": Bound(0.0, 1e3, "mm", "metres", MILLIMETRES, above=True),
-    # Slabs of power plants have up to about 2 % in each direction at each face. No wall with more than ten per cent can
-    # be cast.
+    # Slabs of power plants have up to about 2 % of steel in each direction at each face. A wall with more than 10 %
+    # cannot be cast.
     "target.reinforcement_ratio_percent": Bound(0.0, 10.0, "percent", "percent"),
     "shot.depth": Bound(1e-6, 100.0, "mm", "metres", MILLIMETRES),
     "impact.velocity": Bound(0.1, 1e4, "m/s", "m/s"),
@@ -328,7 +329,7 @@ def require_angle(field: str, value: object, *, below: bool) -> None:
 
 
 def name_keywords(package: dict[str, Any]) -> None:
-    """Make positional calls of the keyword-only functions and classes of a package raise an error with the keywords."""
+    """Make keyword-only functions and classes of a package list their keywords if called with positional arguments."""
     for name in package["__all__"]:
         public = package[name]
         own = int(isinstance(public, type))

@@ -2,13 +2,13 @@
 
 `compiled` and the other decorators wrap `numba.njit`, but import numba only when the first function is called.
 Functions that Python calls are cached, each together with all functions that it calls. numba does not notice a change
-in a called function, so the name of the cache folder is a digest of all sources of the package, the versions of Python,
-numba and llvmlite, and the processor. Changed sources therefore use a new folder, and a copied installation finds its
-code.
+in a called function, so the name of the cache folder contains a digest of all sources of the package, the versions of
+Python, numba and llvmlite, and the processor. Changed sources therefore use a new folder, and a copied installation
+finds its code.
 
 The container image includes compiled code for x86-64-v3 (processors with AVX2 and FMA), and for AMD and Intel
-processors with AVX-512 (`entry-point.sh`). The latter takes at most 2 % longer than code compiled on the machine itself
-(`benchmarks/results.md`).
+processors with AVX-512 (`entry-point.sh`). In measurements the code for AVX-512 took at most 2 % longer than code
+compiled on the machine itself (`benchmarks/results.md`).
 """
 
 import hashlib
@@ -365,7 +365,7 @@ def _numba() -> ModuleType:
     except Exception as error:
         files = (Path(frame.filename).parts[-3:] for frame in traceback.extract_tb(error.__traceback__))
         if ("numba", "core", "config.py") not in files:
-            raise  # only errors in that file, where numba reads them, concern the settings
+            raise  # numba reads its settings in that file; errors elsewhere have other causes
         cause = f"{type(error).__name__}: {' '.join(str(error).split())}"
         raise NumbaSettingsError(f"numba cannot be used with the settings found ({SETTINGS}): {cause}") from error
     if numba.config.DISABLE_JIT:
@@ -392,7 +392,7 @@ def _numba() -> ModuleType:
 
 
 def _announce(function: Compiled) -> None:
-    """Record the beginning of a compilation for `compilation_progress`; the first call also announces it."""
+    """Record the beginning of a compilation for `compilation_progress`; the first call may also print a message."""
     _announce_first()
     with suppress(OSError):
         FOLDER.mkdir(parents=True, exist_ok=True)
@@ -435,8 +435,9 @@ compiled = _decorator(no_cfunc_wrapper=True)
 """Decorator of compiled functions that Python calls; they release the interpreter lock."""
 lean = _decorator(**LEAN)
 """Decorator of functions that only compiled code calls."""
-# Without inlining, numba also generates separate, unused machine code for such a function and everything that it calls.
-# Inlining saves seconds of compilation, but slowed a search by 8 % where such a function ran in every time step.
+# Without inlining, numba also generates separate machine code for these functions and for everything that they call,
+# which is never used. Inlining saves seconds of compilation, but slowed a search by 8 % where a function ran in every
+# time step.
 once = _decorator(inline="always", **LEAN)
 """Decorator of functions that are inlined into the one or two functions that call them."""
 # The hundred arguments of a force evaluation took 7 % of the time of a search to pass, and another 7 % to read.
@@ -444,7 +445,7 @@ inlined = _decorator(forceinline=True, **LEAN)
 """Decorator of a function with many arguments that is inlined for speed."""
 # Reassociation is not allowed here, since the compiler would use it to distribute a division over every term.
 exact = _decorator(fastmath={"contract", "nsz"}, **LEAN)
-"""Decorator of functions that compute polynomials or quotients in vectorized loops: fused operations are allowed, and
+"""Decorator of functions that compute polynomials or quotients in vectorised loops: fused operations are allowed, and
 reassociation is not."""
 # A sum in vector registers adds its terms in another order, which these flags allow. Inlining is forced because LLVM
 # stopped inlining the loops once the code for walls also called them, which made runs 5 to 8 % slower.

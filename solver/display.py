@@ -33,7 +33,7 @@ Row: TypeAlias = Mapping[str, str | float | None]
 # With more outlines, neighbouring ones overlap along a usual path; the value is a rough choice.
 INSTANTS = 5
 """Number of instants at which a side view shows the projectile."""
-# The chords of a quarter circle then deviate from it by 2e-4 of its radius, less than a pixel.
+# With 40 points, the chords of a quarter circle deviate from it by 2e-4 of its radius, less than a pixel.
 ARC_POINTS = 40
 """Number of points of a drawn arc."""
 COLORS: Mapping[str, str] = {
@@ -108,7 +108,7 @@ def dataframe(columns: Mapping[str, npt.NDArray[np.generic]], *kinds: type, inde
 
 
 class Warned(Protocol):
-    """Interface of the warnings of an answer."""
+    """Interface of a warning about an answer."""
 
     @property
     def code(self) -> str:
@@ -116,7 +116,7 @@ class Warned(Protocol):
 
     @property
     def detail(self) -> str:
-        """Explanation for people."""
+        """Human-readable explanation."""
 
     @property
     def standing(self) -> bool:
@@ -138,7 +138,7 @@ def card(title: str, rows: Mapping[str, str], warnings: Iterable[Warned] = (), m
     rows
         Names and values, as plain text; empty values are left out.
     warnings
-        Warnings of the answer, shown folded. Standing notes are folded separately and not counted.
+        Warnings of the answer, in a collapsed list. Standing notes have a list of their own and are not counted.
     more
         Further HTML, which is not escaped.
     """
@@ -162,7 +162,7 @@ def card(title: str, rows: Mapping[str, str], warnings: Iterable[Warned] = (), m
 
 
 def new_figure(width: float, height: float) -> Any:
-    """Return a new pyplot figure; its size is in inches."""
+    """Create a pyplot figure; its size is in inches."""
     pyplot = optional("matplotlib.pyplot", "plot()", "columns() gives what it shows as arrays")
     figure = pyplot.figure(figsize=(width, height), layout="constrained")
     figure._ipython_display_ = partial(_show_once, figure)
@@ -196,7 +196,7 @@ def plot_motion(history: Columns, title: str, projectile: Projectile | None, ax:
     title
         Title of the side view.
     projectile
-        Projectile to draw at some instants; without it, its axis from the nose tip to the centre of gravity is drawn.
+        Projectile to draw at some instants; if None, only the axis from nose tip to centre of gravity is drawn.
     """
     figure: Figure = new_figure(9.0, 5.0) if ax is None else ax.figure
     if ax is not None:
@@ -268,9 +268,9 @@ def _silhouette(projectile: Projectile) -> FloatArray:
 
 
 def plot_search(trials: Columns, title: str, angle: float | None, ax: Any) -> Figure:
-    """Plot the final depth of the nose tip over the angle of each trial, and return the figure.
+    """Plot the final depth of the nose tip against the angle of each trial, and return the figure.
 
-    Trials with coarse numerical settings have hollow marks.
+    Trials with coarse numerical settings have hollow markers.
     """
     panel = new_figure(6.0, 4.0).subplots() if ax is None else ax
     degrees = np.degrees(trials["oblique_angle"])
@@ -290,7 +290,7 @@ def plot_search(trials: Columns, title: str, angle: float | None, ax: Any) -> Fi
 
 
 def plot_probability(curve: Columns, title: str, ax: Any) -> Figure:
-    """Plot the probability of ricochet and its interval over the angle; return the figure."""
+    """Plot the probability of ricochet and its interval against the angle; return the figure."""
     panel = new_figure(6.0, 4.0).subplots() if ax is None else ax
     degrees = np.degrees(curve["oblique_angle"])
     panel.fill_between(degrees, curve["lower"], curve["upper"], color=BLUE, alpha=0.25, linewidth=0.0, label="interval")
@@ -326,7 +326,7 @@ def plot_perforation(trials: Columns, title: str, label: str, bracket: tuple[flo
 
 
 def plot_depths(predicted: FloatArray, measured: FloatArray, title: str, ax: Any) -> Figure:
-    """Plot measured depths over predicted ones [m]; return the figure."""
+    """Plot measured against predicted depths [m]; return the figure."""
     panel = new_figure(6.0, 4.0).subplots() if ax is None else ax
     panel.plot(predicted, measured, "o", color=BLUE, label="tests")
     panel.axline((0.0, 0.0), slope=1.0, color=GREY, linestyle="--", label="as predicted")

@@ -24,7 +24,7 @@ NoseClass: TypeAlias = Literal["flat", "blunt", "hemispherical", "sharp"]
 NDRC_NOSE: Mapping[NoseClass, float] = {"flat": 0.72, "blunt": 1.0, "hemispherical": 1.0, "sharp": 1.14}
 """Nose factor N of the NDRC formula, see `modified_ndrc`. [1]"""
 NDRC_NOSE_NOTE = "nose factor 1.0, the safe side; 0.84 is printed too"
-"""Note on results for noses about whose factor the sources disagree."""
+"""Note on results for noses whose factor differs between the sources."""
 HUGHES_NOSE: Mapping[NoseClass, float] = {"flat": 1.0, "blunt": 1.12, "hemispherical": 1.26, "sharp": 1.39}
 """Nose factor N of Hughes' formula. [1]"""
 # Exact conversion of the formula in US units gives the constant 3.8034e-5, which is 0.1 % larger.
@@ -46,12 +46,12 @@ NAMES: Mapping[str, str] = {
     "whiffen": "Whiffen",
 }
 """Display names of the formulas."""
-# A limit speed outside the bounds of a strike would be of no use.
+# A limit speed outside the bounds of the impact velocity would be of no use.
 LIMIT_SPEEDS = (BOUNDS["impact.velocity"].lower, BOUNDS["impact.velocity"].upper)
 """Range of the normal speed in the search for a limit speed. [m/s]"""
 # Half or twice this aggregate size changes the depth in Whiffen's formula by 7 %.
 AGGREGATE_SIZE = 0.02
-"""Largest aggregate size unless given. [m]"""
+"""Default largest aggregate size. [m]"""
 # The constants of the formulas have two to four digits, so seven digits of the pressure unit are enough.
 POUND, INCH, FOOT, PSI = 0.45359237, 0.0254, 0.3048, 6894.757
 """US units in SI units. [kg, m, m, Pa]"""
@@ -253,8 +253,8 @@ def chang(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaR
     Notes
     -----
     Chang (1981), for flat noses: ``e/d = (61/V)^0.25 (M V² / (d³ f'c))^0.5`` and
-    ``h/d = 1.84 (61/V)^0.13 (M V² / (d³ f'c))^0.4``, from tests at 16 to 312 m/s with 0.11 to 343 kg and 5 to 30 cm on
-    concrete of 23 to 46 MPa. The constants were not compared with the original.
+    ``h/d = 1.84 (61/V)^0.13 (M V² / (d³ f'c))^0.4``, from tests at 16 to 312 m/s with masses of 0.11 to 343 kg and
+    diameters of 5 to 30 cm on concrete of 23 to 46 MPa. The constants were not compared with the original.
     """
     d, v, strength = projectile.diameter, _normal_velocity(impact), target.compressive_strength
     energy = projectile.mass * v**2 / (d**3 * strength)
@@ -446,8 +446,8 @@ def whiffen(
     Notes
     -----
     Whiffen (1943): ``x = 870 / sqrt(f'c) (M/d²) (d/c)^0.1 (V/1750)^n`` with ``n = 10.7 / f'c^0.25`` in inches, pounds,
-    psi and ft/s, where c is the largest aggregate size; from tests with 0.3 to 22,000 lb and 0.5 to 38 in, at up to
-    3,700 ft/s. The constants were not compared with the original.
+    psi and ft/s, where c is the largest aggregate size; from tests with masses of 0.3 to 22,000 lb and diameters of 0.5
+    to 38 in, at up to 3,700 ft/s. The constants were not compared with the original.
     """
     note = "within 15 % of its tests"
     if aggregate_size is None:
@@ -534,8 +534,9 @@ def limit_speeds(
 
     Notes
     -----
-    CEA-EDF has a formula for the speed, see `cea_edf_limit_speed`; the others are solved for it numerically. A formula
-    that falls slightly where two of its branches meet has two solutions there, 0.2 % apart; one of them is returned.
+    CEA-EDF has a formula for the speed, see `cea_edf_limit_speed`; the others are solved for it numerically. If
+    the thickness given by a formula falls slightly where two of its branches meet, there are two solutions, 0.2 %
+    apart; one of them is returned.
     """
     require_positive("thickness", thickness)
     cosine = _normal_velocity(Impact(velocity=1.0, oblique_angle=oblique_angle))
@@ -570,8 +571,8 @@ def _solved_for_speed(
     lower, upper = LIMIT_SPEEDS
     if perforates(lower) or not perforates(upper):
         return None
-    # Bisection converges even though a formula may fall where its branches meet. On a logarithmic scale it takes about
-    # 45 trials; a smaller tolerance would be below the rounding error of the formula.
+    # Bisection converges even if the thickness falls where two branches of a formula meet. On a logarithmic scale it
+    # takes about 45 trials; a smaller tolerance would be below the rounding error of the formula.
     while upper - lower > 1e-12 * upper:
         middle = math.sqrt(lower * upper)
         if not lower < middle < upper:
@@ -649,7 +650,7 @@ def _not_flat(projectile: Projectile) -> tuple[OutOfRange, ...]:
 
 BOUND_DIGITS = 5
 """Largest number of significant digits of the bounds of a formula's range. [1]"""
-# A bound such as 18 diameters is a round number, and with two digits 19.58 would be 20.
+# A bound may have only two digits, such as 18 diameters. With two digits, 19.58 would be shown as 20.
 FEWEST_DIGITS = 3
 """Least number of significant digits of a value outside the range of a formula. [1]"""
 
@@ -677,7 +678,7 @@ def _outside(
 
 
 def _beyond(value: float, bound: float, unit: str) -> str:
-    """Format a value that is beyond a bound, with the digits of the bound and up to two more if both look the same."""
+    """Format a value beyond a bound with as many digits as the bound, or up to two more if both would look the same."""
     end = number(bound, unit, BOUND_DIGITS)
     digits = sum(each.isdecimal() for each in end.lstrip("0."))
     for more in range(max(digits, FEWEST_DIGITS), digits + 3):

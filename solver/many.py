@@ -80,8 +80,8 @@ def critical_angle_many(
     Returns
     -------
     sequence of CriticalAngle or RicochetError
-        Answers in the order of the cases. An answer is computed when it is first accessed and then kept; several
-        threads also compute the next cases ahead. A case that failed has its error in place of an answer.
+        Answers in the order of the cases. An answer is computed when it is first accessed and then kept. Several
+        threads also compute the next cases in advance. A case that failed has its error in place of an answer.
 
     Raises
     ------
@@ -332,7 +332,7 @@ def attempt(function: Callable[..., Answer], case: Mapping[str, Any]) -> Answer 
 def _run(
     function: Callable[..., Answer], cases: Iterable[dict[str, Any]], threads: int
 ) -> Generator[Answer | RicochetError, None, None]:
-    """Yield the answers to cases in order; several threads also compute the next cases ahead."""
+    """Yield the answers to cases in order; several threads compute up to `AHEAD` cases per thread in advance."""
     if threads == 1:
         yield from (attempt(function, case) for case in cases)
         return
@@ -387,7 +387,7 @@ def columns(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | Ri
     Raises
     ------
     ParameterError
-        If there are answers of different kinds, or of a kind without a table row.
+        If `answers` is not a sequence, or has answers of different kinds or of a kind without a table row.
     """
     if not isinstance(answers, Iterable):
         raise ParameterError("answers", f"must be a sequence of answers, got {type(answers).__name__}")
