@@ -1,4 +1,4 @@
-"""Uncertainty of critical angles and trajectories: probabilities, ranges, and sensitivities to the inputs."""
+"""Uncertainty of critical angles, trajectories and limits of perforation, and verdicts on strikes and walls."""
 
 from solver.checks import name_keywords
 from solver.uncertainty.critical_angles import AngleStudy

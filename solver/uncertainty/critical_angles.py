@@ -42,8 +42,8 @@ from solver.uncertainty.sampling import (
 from solver.uncertainty.surrogate import Expansion, Moments, direct_indices, expansion_moments, fit_expansion
 from solver.warnings import ModelWarning
 
-# An error of 0.1° is far below the usual scatter of the angle, some degrees, and the samples correct the probabilities
-# for it.
+# An error of 0.1° is far below the usual scatter of the angle, some degrees. The samples also correct the probabilities
+# for this error.
 SURROGATE_ERROR = math.radians(0.1)
 """Largest root mean square error of the surrogate at held-out points with which it is used. [rad]"""
 # Evaluating the surrogate takes microseconds, and with so many points its sampling error is negligible.
@@ -80,7 +80,7 @@ class AngleStudy:
     sampling
         Accuracy, budget and seed.
     sensitivity
-        Compute Sobol indices and swings too.
+        Also compute Sobol indices, and the swing of each input (see `Sensitivity`).
     shots
         Result of `next_shots`: index of the factor on S among the inputs, and expected scatter after further shots.
     bounds
@@ -218,9 +218,8 @@ class AngleStudy:
         )
 
     def _by_surrogate(self, tables: Tables, expansion: Expansion) -> AngleUncertainty:
-        """Compute the result of the study from the surrogate."""
         # The probability is the surrogate's at many points plus a correction from the samples: the fraction of samples
-        # that are turned away, minus the fraction predicted by fits without the sample. The interval is that of the
+        # that are turned away, minus the fraction that fits to the other samples predict. The interval is that of the
         # correction, widened by the probability of outcomes that no sample shows.
         design, sampling = self.design, self.sampling
         predicted = np.stack([expansion.at(design.standard(each)) for each in self._unit])

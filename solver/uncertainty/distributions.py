@@ -24,8 +24,8 @@ NODES = 48
 # There the density is 3e-18 of its maximum, below the rounding error of a sum.
 FAR = 9.0
 """Distance from the mean, in standard deviations, beyond which a normal density is neglected. [1]"""
-# Over a range of this size the angle is a curved function of an input; smaller ranges need no high orders. The value
-# separates the usual dispersion of S, 0.48, from those of all other inputs, at most 0.12.
+# If an input varies by so large a factor, the critical angle is far from linear in it; smaller factors need no high
+# orders. The value separates the usual dispersion of S, 0.48, from those of all other inputs, at most 0.12.
 WIDE = 0.2
 """Least dispersion of an input with which polynomials of higher order in that input are tried. [ln]"""
 # One standard deviation is then a factor of 22,000 either way, more than for any real input.
@@ -35,7 +35,7 @@ LARGEST_DISPERSION = 10.0
 # rounding.
 FREEDOM = (1.0, 1e6)
 """Range of accepted degrees of freedom. [1]"""
-# The least probability is half a cell of the sample points, whose coordinates have 30 bits.
+# The smallest coordinate of a sample point is half the distance between neighbouring coordinates, which have 30 bits.
 TINY = 2.0**-31
 """Least probability at which a distribution is sampled. [1]"""
 # The tolerance accepts weights that are rounded to ten or more decimal places.
@@ -78,7 +78,7 @@ def _spread_name(deviation: float | None) -> str:
 
 
 def _require_order(name: str, holds: bool, words: str, other: float) -> None:
-    """Raise `ParameterError` if `holds`, the required order of two parameters of a distribution, is false."""
+    """Raise `ParameterError` unless two parameters are in the required order, that is unless `holds` is true."""
     require(holds, f"{FIELD}.{name}", f"must be {words}, {{}}", Amount(other, None))
 
 
@@ -470,7 +470,7 @@ class Discrete:
 
     @property
     def likeliest(self) -> int:
-        """Index of the value with the largest weight; the first of several."""
+        """Index of the value with the largest weight, the first one if several have it."""
         return int(np.argmax(self.probabilities))
 
     def places(self, u: FloatArray) -> np.ndarray[Any, np.dtype[np.int64]]:

@@ -95,7 +95,7 @@ def next_shots(
 ) -> tuple[int, tuple[NextShot, ...]] | None:
     """Return the index of the factor on S among the inputs, and the scatter expected after `COUNTS` shots.
 
-    The result is None unless the factor is an input with a lognormal or log-Student distribution.
+    The result is None unless the factor is an input with a lognormal or log-Student distribution of nonzero width.
 
     Parameters
     ----------

@@ -48,7 +48,7 @@ class Crossings(NamedTuple):
     starts_turned_away: bool = False
     """True if the projectile is turned away at the lower end of the range."""
     problem: Problem = ""
-    """Reason for a missing result; empty if there is one."""
+    """Reason why there is no result; empty if there is a result."""
 
     @classmethod
     def of(cls, found: CriticalAngle | RicochetError) -> "Crossings":
@@ -156,7 +156,7 @@ class Tables:
         self._count_outcomes()
 
     def count_problems(self, results: Sequence[Crossings]) -> None:
-        """Count the samples, and those without an outcome by reason."""
+        """Add to the numbers of samples, of failed ones, and of those outside the ranges of the model."""
         self.samples += len(results)
         self.failed += sum(each.problem == "failed" for each in results)
         self.outside += sum(each.problem == "outside" for each in results)

@@ -26,12 +26,12 @@ SCRAMBLINGS = 16
 # Sixteen points in 16 scramblings take the smallest budget, 256 samples. Every further round doubles the number of
 # points.
 FIRST_POINTS, FEWEST_POINTS = 16, 4
-"""Number of points of each scrambling in the first round: the usual one, and the least for a large half width."""
+"""Number of points of each scrambling in the first round: the usual number, and the least, for a large half width."""
 # The lower bound is the first round. The upper one is a rough choice, well below the 2**30 points of the sequence.
 FEWEST_SAMPLES, MOST_SAMPLES = 256, 1_048_576
 """Bounds of the budget of samples."""
-# Coordinates of Sobol points have 30 bits and may be 0, where most distributions have no finite value. So half a cell
-# is added.
+# Coordinates of Sobol points have 30 bits and may be 0, where most distributions have no finite value. So half the
+# distance between neighbours is added.
 HALF_BIN = 2.0**-31
 """Half the distance between neighbouring coordinates of Sobol points. [1]"""
 # An event that none of n samples shows may have a probability of up to 3/n at 95 % confidence (the rule of three). That
@@ -196,7 +196,7 @@ class Sampling:
 
     @property
     def student_quantile(self) -> float:
-        """Half width of an interval over its standard error, if the scramblings give the standard error. [1]"""
+        """Half width of an interval over its standard error, if that comes from the scatter between scramblings. [1]"""
         # The means of the scramblings are not quite normal. With half the nominal probability outside, intervals
         # contain the true value as often as the confidence level states (`tests/uncertainty/test_coverage.py`).
         from scipy.special import stdtrit  # noqa: PLC0415 (slow to import, and needed for sampling only)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from solver.arrays import FloatArray
 
-# SciPy uses as many, and a test compares the points with SciPy's to the last bit.
+# SciPy uses this number, and a test compares the points with SciPy's to the last bit.
 BITS = 30
 """Number of binary digits of a coordinate."""
 JOE_KUO = """

@@ -41,7 +41,7 @@ from solver.warnings import body_warnings
 Result = TypeVar("Result")
 Answer = TypeVar("Answer", AngleUncertainty, TrajectoryUncertainty)
 
-# At this interval, a straight line between two angles is off by at most 0.015 for the paper's strike.
+# At this interval, linear interpolation of the probability is off by at most 0.015 for the paper's strike.
 USUAL_ANGLES = np.radians(np.linspace(5.0, 85.0, 161))
 """Default angles for the probability of ricochet: every 0.5° over the default range of a search. [rad]"""
 
@@ -49,8 +49,8 @@ USUAL_ANGLES = np.radians(np.linspace(5.0, 85.0, 161))
 THEORY = "resistance.theory"
 """Field name of the theory of the decay. Its values are names of decay laws; each selects a decay law and the S(θ) that
 belongs to it."""
-# S(θ) belongs to a decay law: eq. 9 gives the paper's angle with elastic-plastic decay, and for Mohr-Coulomb decay S(θ)
-# was fitted to finite element motions.
+# Each S(θ) is meant for one decay law: eq. 9 gives the paper's angle with elastic-plastic decay, and for Mohr-Coulomb
+# decay S(θ) was fitted to finite element motions.
 PAIRED: Mapping[str, Callable[[StrengthFactor], StrengthFactor]] = {
     ElasticPlastic.name: lambda model: model,
     MohrCoulomb.name: shaped_as_finite_elements,

@@ -25,7 +25,7 @@ class Shape(NamedTuple):
     """Orders of the polynomial products in a basis."""
 
     order: int
-    """Highest total order of any product."""
+    """Highest total order of the products, except for those with the orders below."""
     narrow: int = 0
     """Highest order of a polynomial in a single input that does not span a large factor; used if above `order`."""
     wide: int = 0
@@ -54,7 +54,7 @@ class Shape(NamedTuple):
         return np.array(list(dict.fromkeys(rows)), dtype=np.int64).reshape(-1, inputs)
 
 
-# For seven inputs, order 5 has 792 terms, about as many as the usual number of samples can determine.
+# For seven inputs, order 5 already has 792 terms, and a fit needs `POINTS_PER_TERM` points for each.
 SHAPES = tuple(Shape(order) for order in range(1, 6))
 """Shapes tried in every fit."""
 # The effect of an input that spans a large factor levels off, which requires high orders; the effect of other inputs is
@@ -128,7 +128,7 @@ class Expansion:
     scatter
         (alternatives, terms, terms) square roots of the covariance matrices of the coefficients.
     held_out
-        (n, alternatives) values at the points, minus the predictions of fits without the point.
+        (n, alternatives) values at the points, minus the predictions of fits that leave out the point.
     """
 
     basis: Basis
@@ -308,7 +308,7 @@ def direct_indices(
     size = own.size
     mixed = np.concatenate((mixed, own[None]))  # one more input, since SciPy drops the axis of a single one
 
-    def indices(rows: npt.NDArray[np.int64], axis: int) -> FloatArray:  # each resample is one output to SciPy
+    def indices(rows: npt.NDArray[np.int64], axis: int) -> FloatArray:  # SciPy treats each resample as one output
         rows = np.atleast_2d(np.moveaxis(rows, axis, -1)).astype(np.int64)
         found = stats.sobol_indices(func={"f_A": own[rows], "f_B": other[rows], "f_AB": mixed[:, rows]}, n=size)
         both = np.stack([np.reshape(each, (len(rows), -1)) for each in (found.first_order, found.total_order)])[

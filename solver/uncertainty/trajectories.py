@@ -47,7 +47,7 @@ class Ending(NamedTuple):
     exit: Exit | None = None
     """State of the projectile as it leaves the target; None if it stays in it."""
     problem: Problem = ""
-    """Reason for a missing result; empty if there is one."""
+    """Reason why there is no result; empty if there is a result."""
     range: float = math.nan
     """Flight distance; NaN if the projectile stays in the target, or no flight was requested. [m]"""
     farthest_range: float = math.nan
@@ -125,7 +125,7 @@ class TrajectoryStudy:
         shares, widest = [], 0.0
         for outcome in Outcome:
             if outcome is Outcome.PERFORATED and not (outcomes == outcome.value).any():
-                continue  # a target without a thickness cannot be perforated
+                continue  # left out if no run perforates, as for any half-space
             by_scrambling = np.where(outcomes == outcome.value, weights, 0.0).sum(axis=1)
             value, half = float(by_scrambling.mean()), float(share_half_width(by_scrambling, sampling, base))
             estimate = Estimate(value, max(0.0, value - half), min(1.0, value + unknown + half))

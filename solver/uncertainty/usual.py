@@ -1,4 +1,4 @@
-"""Usual scatter of a strike: of its inputs, its strength factor, and the theory of its decay."""
+"""Usual scatter of the inputs of a strike, of its strength factor, and of the theory of its decay."""
 
 import math
 from dataclasses import replace
@@ -40,7 +40,7 @@ WITHIN = 0.5, 2.0
 ATTACK = math.radians(1.0)
 """Standard deviation of the angle of attack. [rad]"""
 THEORY_LAWS: tuple[type[ElasticPlastic | MohrCoulomb], ...] = (ElasticPlastic, MohrCoulomb)
-"""Decay laws that the theory, as an uncertain input, selects from."""
+"""Decay laws from which the theory is selected if it is an uncertain input."""
 # The weights are rough choices; with equal weights the ends of the 90 % range of the paper's strike are at most 0.8°
 # lower. Elastic-plastic decay with eq. 9 gives the paper's angle. Mohr-Coulomb decay follows finite element motions
 # more closely, and its S(θ) was fitted to them. The law without decay neglects the free surface and serves for
@@ -50,7 +50,7 @@ THEORIES = (0.8, 0.2)
 
 
 def has_own_law(resistance: Resistance | None) -> bool:
-    """Return whether the user has chosen a decay law or S, in which case the theories do not apply by default.
+    """Return whether the user has chosen a decay law or S; the theory is then not an uncertain input by default.
 
     Notes
     -----
@@ -101,7 +101,7 @@ def usual_scatter(
     Returns
     -------
     tuple of Uncertain
-        Speed, strength, density, mass, angle of attack, a factor on S and, last, the theory of the decay.
+        Speed, strength, density, mass, angle of attack, a factor on S and, if it is included, the theory of the decay.
 
     Raises
     ------

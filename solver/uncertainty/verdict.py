@@ -36,15 +36,15 @@ from solver.warnings import ModelWarning
 # The surrogates for two theories may need this number of samples; for most strikes half of it is enough.
 SAMPLES, HALF_WIDTH = 1024, 0.05
 """Budget of samples, and half width of the intervals of probabilities at which sampling ends. [1, 1]"""
-# Between two such angles, the probability for the paper's strike rises by 0.07 at most, and a straight line is off by
-# 0.015, less than the half width of the intervals. The angle to judge is one of these angles if the search
-# covers it.
+# Between two such angles, the probability for the paper's strike rises by 0.07 at most, and linear interpolation is off
+# by 0.015, less than the half width of the intervals. The angle to judge is one of these angles if the search covers
+# it.
 STEP_DEG = 0.5
 """Interval between angles at which the probability is computed. [°]"""
 # Conversion of the angle to judge between degrees and radians causes rounding errors.
 SAME_ANGLE = 1e-9
 """Largest difference of angles that count as equal. [rad]"""
-# A unit in the last digit shown should be about a tenth of the width.
+# A unit in the last digit shown should be a third of the width or less.
 WHOLE_DEGREES, TENTHS = math.radians(3.0), math.radians(0.3)
 """Least widths of a range that is shown in whole degrees, and in tenths. [rad]"""
 ENDINGS: Mapping[str, str] = {
@@ -58,7 +58,7 @@ COUNTED: Mapping[int, str] = {1: "one", 3: "three"}
 """Numbers of shots in words."""
 # Shrinking the range by less than a tenth does not justify a test; the value is a rough choice.
 HARDLY_NARROWER = 0.9
-"""Ratio of the expected width of the range to its present width, above which advice is against more shots. [1]"""
+"""Ratio of the expected width of the range to its present width, above which no more shots are advised. [1]"""
 # The sentence should agree with the probability that it states: "is turned away" is wrong in at most one of ten cases.
 LIKELY, UNLIKELY = 0.9, 0.1
 """Probability of ricochet above which a body "is turned away", and below which it "is not turned away". [1]"""
@@ -66,9 +66,9 @@ LIKELY, UNLIKELY = 0.9, 0.1
 ROUNDED_AWAY = 0.005
 """Distance of a probability from 0 or 1, below which a bound is shown instead. [1]"""
 RANGE_FAILED = "the 90 % range could not be computed"
-"""Part of the sentence of a verdict, if its study failed or took too long."""
+"""Part of the sentence of a verdict whose study failed or took too long."""
 NO_RANGE_BY_PANELS = "no 90 % range by panels"
-"""Part of the sentence of a verdict by `panels`, where the study would take minutes and is omitted."""
+"""Part of the sentence of a verdict by `panels`, for which the study would take minutes and is omitted."""
 
 
 class Question(NamedTuple):

@@ -34,7 +34,7 @@ Question: TypeAlias = Literal["perforation", "scabbing"]
 MARGINS: dict[Question, float] = {"perforation": PERFORATION_MARGIN, "scabbing": SCABBING_MARGIN}
 """Safety factors on the limit thicknesses against perforation and scabbing (DOE-STD-3014-2006). [1]"""
 THIS_MODEL = "this_model"
-"""Name in place of a formula, if the model requires a thicker wall than the formulas with their margin."""
+"""Value of `DesignValue.formula` if the model requires a thicker wall than the formulas with their margin."""
 # The range of a critical angle has the same probability, so all ranges are comparable.
 PROBABILITY = 0.9
 """Probability of the range of a least thickness or a limit speed, due to the scatter of S. [1]"""
@@ -110,7 +110,7 @@ class WallVerdict:
 
     @property
     def enough(self) -> bool | None:
-        """True if the wall is thick enough against both, False if it is not against one of them, None if unknown."""
+        """True if the wall is enough against perforation and scabbing, False if not against one of them, else None."""
         answers = [self.perforation.enough, self.scabbing.enough]
         return False if False in answers else None if None in answers else True
 
@@ -369,7 +369,7 @@ def thickness_spread(
 ) -> PerforationSpread:
     """Compute the variation of a least thickness with S, with a plug, and with a crater.
 
-    Arguments and errors are those of `least_thickness`.
+    Arguments and errors are those of `least_thickness`; `strength_scatter` is that of `known_strength`.
     """
 
     def find(law: Resistance) -> float | None:
@@ -393,7 +393,7 @@ def limit_speed_spread(
 ) -> PerforationSpread:
     """Compute the variation of a limit speed with S, with a plug, and with a crater.
 
-    Arguments and errors are those of `limit_velocity`.
+    Arguments and errors are those of `limit_velocity`; `strength_scatter` is that of `known_strength`.
     """
 
     def find(law: Resistance) -> float | None:

@@ -1,4 +1,4 @@
-"""Warnings about a critical angle, weighed by their effect on it: those with little effect become standing notes."""
+"""Warnings about a critical angle, with their effect on it: those with little effect become standing notes."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -15,7 +15,7 @@ from solver.warnings import RETENTION_DECIDES, RETENTION_RANGE, ModelWarning, in
 EXTRAPOLATED = "strength_fit_extrapolated"
 """Code of the warning about an extrapolated fit of S."""
 HELD = "strength_held"
-"""Key of the search with S held constant from `HELD_EARLIER` on; no warning has this code."""
+"""Key of the search with S held constant from `HELD_EARLIER` on, in place of the code of a warning."""
 # There is no finite element run at a larger angle, so S may be held from 55° on as well as from 60°. The range of a
 # verdict includes the results of both.
 HELD_EARLIER = math.radians(55.0)
