@@ -10,7 +10,7 @@ critical_angle, critical_angle_many    smallest oblique angle at which a project
 critical_angle_sweep                   critical angle over a grid of speeds, strengths, noses or laws
 least_thickness, limit_velocity        thinnest wall that is not perforated, lowest speed that perforates a wall
 formulas                               empirical formulas for penetration, scabbing and perforation
-flight, flight_after                   landing of a body that has left the target
+flight, flight_after                   flight of a body that has left the target, and its landing
 solver.uncertainty.verdict             assessment of a strike in one sentence, with the range of the critical angle
 solver.calibration                     strength factors from depths and motions
 warm_up                                compile the whole solver in advance: a minute, once for each installation
@@ -77,8 +77,7 @@ from solver.trajectory import Motion, Trajectory, simulate
 from solver.warm_up import warm_up
 from solver.warnings import ModelWarning
 
-# A cached result is used only by the version that computed it. A new version is due whenever any part of a result
-# changes, including the text of a warning.
+# Raise this version whenever any part of a result changes, including the text of a warning.
 ENGINE_VERSION = "16"
 """Version of the results of this package; cached results of another version are not used."""
 

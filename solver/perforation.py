@@ -1,4 +1,4 @@
-"""Perforation of a wall: the least thickness that stops a projectile, and the least velocity that perforates it."""
+"""Perforation of walls: least thickness that stops a projectile, and least velocity at which it perforates a wall."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -31,7 +31,7 @@ from solver.trajectory import run_warnings
 from solver.units import quantity
 from solver.warnings import DEEPER_THAN_WALL, TUMBLING, UNDECIDED, ModelWarning, decided_by_time, undecided
 
-# Real projectiles penetrate far less. A body that not even this wall stops is reported as always perforating.
+# Real projectiles penetrate far less deep. If not even this wall stops a body, the status is ``always_perforated``.
 MOST_DIAMETERS = 1000.0
 """Thickness of the thickest wall tried, over the diameter of the projectile. [1]"""
 # No projectile stays rigid at the upper end.
@@ -40,7 +40,7 @@ VELOCITIES = (1.0, 2000.0)
 # The outcome need not be monotonic, and the first change counts: larger ratios could pass over it, and smaller ones
 # take more trials. The factor is a rough choice.
 GROWTH = 1.5
-"""Ratio of consecutive values until the outcome changes. [1]"""
+"""Ratio of consecutive values tried until the outcome changes. [1]"""
 # A bracket of this width is far narrower than the effect of the scatter of S, and takes about twelve bisections.
 TOLERANCE = 1e-4
 """Default width of the final bracket over its upper end. [1]"""
@@ -115,7 +115,7 @@ class PerforationLimit:
         }
 
     def columns(self) -> Columns:
-        """Return the trials as arrays by name, in the order of computation."""
+        """Return the values and outcomes of the trials as arrays by name, in the order of computation."""
         trials = self.iterations
         return {
             "value": np.array([trial.value for trial in trials], float),
@@ -199,9 +199,9 @@ def least_thickness(
     Notes
     -----
     Each wall tried is 1.5 times as thick as the one before until a wall holds; bisection follows. A second search finds
-    the least thickness with which no part of the projectile comes out of the rear face. A wall counts as holding if it
-    is not perforated by the termination time, or before the projectile has turned by more than 360°; a warning appears
-    if such a wall is next to the change. Without a plug and a crater (see `Resistance`) the result is thinner than real
+    the least thickness with which no part of the projectile comes out of the rear face. A wall also counts as holding
+    if the projectile is still in motion at the termination time, or has turned by more than 360°; a warning appears if
+    such a wall is next to the change. Without a plug and a crater (see `Resistance`) the result is thinner than real
     walls have to be: compare it with `solver.formulas`.
 
     Examples
@@ -271,9 +271,9 @@ def limit_velocity(
     Notes
     -----
     Each velocity tried is 1.5 times the one before, from 1 m/s, until a velocity perforates; bisection follows. A
-    second search finds the greatest velocity at which no part of the projectile comes out of the rear face. A wall
-    counts as holding if it is not perforated by the termination time; a warning appears if such a trial is next to the
-    change.
+    second search finds the greatest velocity at which no part of the projectile comes out of the rear face. The wall
+    also counts as holding if the projectile is still in motion at the termination time, or has turned by more than
+    360°; a warning appears if such a trial is next to the change.
 
     Examples
     --------
@@ -361,7 +361,8 @@ def _search(
     strike
         Function from a thickness or velocity to the prepared strike.
     perforated_at_first
-        Outcome at the lower bound if there is a limit: True for a thickness, False for a velocity.
+        Whether the projectile perforates at the lower bound if there is a limit: True for a thickness, False for a
+        velocity.
     """
     # A finer tolerance is far below the error of a run, and a wider bracket says little; both bounds are rough choices.
     require_between("tolerance", tolerance, 1e-8, 0.1)

@@ -35,7 +35,8 @@ LEAST_WALL = 0.5
 # strikes on usual concrete they were thicker by up to 2.2 diameters.
 MARGIN = 4.0
 """Thickness that may be perforated beyond what the energy allows, over the diameter. [1]"""
-# Below the ramp velocity the static stress is incomplete, so even a strike with hardly any energy penetrates a little.
+# Below the ramp velocity only part of the static stress acts, so even a strike with hardly any energy penetrates a
+# little.
 RAMP = 0.01
 """Depth that may be reached beyond what the energy allows, over the diameter. [1]"""
 # The exit speed has a large error near the perforation limit, where its derivative with respect to the thickness is
@@ -91,7 +92,7 @@ def deepest_by_energy(prepared: PreparedCase, impact: Impact) -> float:
 def check_walls(
     prepared: PreparedCase, impact: Impact, passed: Iterable[tuple[float, Exit]]
 ) -> tuple[ModelWarning, ...]:
-    """Check that no perforated wall is too thick for the energy, and that projectiles leave thicker walls no faster.
+    """Check that the energy suffices for every perforated wall, and that projectiles leave thicker walls no faster.
 
     Only head-on strikes get the second check: an oblique or turning projectile takes another path in a thicker wall,
     and may leave it faster.

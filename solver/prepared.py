@@ -81,7 +81,7 @@ class Exit:
 
 
 def exit_of(outcome: Outcome, state: Sequence[float], body: Body) -> Exit | None:
-    """Return the exit of a projectile, given its final state; None if it stays in the target.
+    """Return the state in which a projectile leaves the target, given its final state; None if it stays in the target.
 
     Parameters
     ----------
@@ -237,7 +237,7 @@ def integrate(
     model
         Model of the case with the law of the strike.
     keep_steps
-        Keep every step in the table, instead of the last one only.
+        Keep every step in the table, instead of only the last one.
     thresholds
         Energies that end the run, over the initial energy; by default the retention energy of the case and
         `REST_FRACTION`. [1]

@@ -21,15 +21,15 @@ from solver.checks import (
 )
 from solver.units import Amount
 
-# Integrands over lines are polynomials, which this rule integrates exactly; integrals over arcs are accurate nearly to
-# machine precision.
+# Integrands over lines are polynomials, which this rule integrates exactly; integrals over arcs are accurate to
+# nearly machine precision.
 GAUSS_POINTS = 48
 """Number of Gauss-Legendre points on one piece of the outline."""
 # The tolerance accepts dimensions that were stored in single precision.
 MATCH = 1e-6
 """Relative tolerance of dimensions that must agree, such as the radii of a profile and the shank. [1]"""
 MATCH_DIGITS = 9
-"""Significant digits with which the error about such dimensions shows how they differ. [1]"""
+"""Significant digits of dimensions in the error about a mismatch, enough to show a difference of `MATCH`. [1]"""
 # Rounding moves points off a straight line: by 1e-16 of the size of the nose or, if they are given to the micrometre,
 # by about 1e-5. No nose is manufactured to 1e-4 of its size.
 DENT = 1e-4
@@ -42,7 +42,10 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """Straight piece of an outline: a cone, a cylinder or, across the axis, a flat face. [m]"""
+    """Straight piece of an outline: a cone, a cylinder or, across the axis, a flat face. [m]
+
+    α is the angle from the axis to the outline, positive where the radius grows.
+    """
 
     x_start: float
     r_start: float
@@ -63,7 +66,10 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Arc:
-    """Circular piece of an outline, ``x = x_center - R sin α``, ``r = r_center + R cos α``. [m, rad]"""
+    """Circular piece of an outline, ``x = x_center - R sin α``, ``r = r_center + R cos α``. [m, rad]
+
+    α is the angle from the axis to the outline, as for a `Line`.
+    """
 
     x_center: float
     r_center: float
@@ -363,7 +369,10 @@ def _spanning(points: Sequence[Point]) -> list[int]:
 
 
 def _first_dent(points: Sequence[Point]) -> int | None:
-    """Return the index of the point at which the first line of increased slope in a dent ends; None without a dent."""
+    """Return the index of the end of the first line in a dent whose slope exceeds that of the line before it.
+
+    The result is None without a dent.
+    """
     size = math.hypot(*points[-1])
     for first, last in pairwise(_spanning(points)):
         if any(_inside(points[first], each, points[last]) > DENT * size for each in points[first + 1 : last]):
@@ -577,7 +586,7 @@ class MassProperties:
     """Moment of inertia about a transverse axis through the centre of gravity. [kg m²]"""
 
 
-@lru_cache  # for the same reason as `mass_properties`
+@lru_cache  # the cases of a study share few projectiles
 def solid_properties(projectile: Projectile) -> SolidProperties:
     """Compute the geometry of the homogeneous solid of the outer shape, less the bore, by Gauss quadrature."""
     t, w = gauss_rule(GAUSS_POINTS).T

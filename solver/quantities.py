@@ -37,7 +37,10 @@ class Quantity(NamedTuple):
 
     @classmethod
     def of(cls, docstring: str) -> "Quantity":
-        """Split a docstring into text and unit, the first in brackets that is not an alternative (``m or m/s``)."""
+        """Split a docstring into text and unit.
+
+        The unit is the first one in brackets that is not an alternative, such as ``m or m/s``.
+        """
         units = [found for found in UNIT.findall(docstring) if " or " not in found]
         return cls(UNIT.sub("", docstring).strip(), "".join(units[:1]))
 
@@ -107,7 +110,7 @@ def _parts_in(kind: type, name: str) -> list[type]:
 
 
 def described(name: str, *kinds: type) -> Quantity:
-    """Return the description of a column of a table whose rows are objects of some classes; empty if unknown.
+    """Return the description of a column of a table whose rows are objects of the given classes; empty if unknown.
 
     Parameters
     ----------

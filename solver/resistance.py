@@ -1,7 +1,7 @@
 """Resistance of the target: the stress on an element (eq. 1) and the laws of the strength factor S.
 
 The strength factor scales the static part of the stress, ``σ = f (S f'c + B ρ v_n²)``, and is constant during a run.
-For normal impact with a crater there is a closed form of the depth.
+For normal impact with a crater there is a closed form for the depth.
 """
 
 import math
@@ -37,8 +37,8 @@ ROUNDING = 1e-6
 """Tolerance of the checks that a correlation matrix is symmetric and positive semidefinite. [1]"""
 # With this number of points, the trapezoidal rule gives the S of a measured depth with an error of 1e-5.
 PATH_POINTS = 401
-"""Number of points along the path on which the nose enters the target."""
-# In the default range of 80° the angles are a tenth of a degree apart, which places the end of a search well enough.
+"""Number of points on each smooth part of the path on which the nose enters the target."""
+# In the default range of 80° the angles are a tenth of a degree apart, which is close enough for the end of a search.
 STRENGTH_CHECKS = 801
 """Number of angles at which the sign of the strength factor is checked."""
 EQUATION_9_COEFFICIENTS = (8.469, 0.0149, -0.0013)
@@ -310,11 +310,11 @@ MOST_SHOTS = 1000
 """Largest number of shots in `OwnTests`."""
 NORMAL_QUANTILE = 1.6448536
 """Half-width of the 90 % interval of a normal distribution. [standard deviations]"""
-# Measured values lie between 2.3 and 30. A depth that requires a value outside this range is in a wrong unit, or
-# belongs to another projectile.
+# Measured values lie between 2.3 and 30. A depth that requires a value far outside this range is probably in a wrong
+# unit, or belongs to another projectile.
 PLAUSIBLE_FACTORS = (2.0, 60.0)
 """Smallest and largest S accepted from a shot. [1]"""
-# For a single shot this limit equals 3 standard deviations of the normal distribution with the same 90 % interval.
+# For a single shot this limit is about 3 standard deviations of the normal distribution with the same 90 % interval.
 FAR_OFF = 2.5
 """Deviation of the ln S of a shot from the prediction by the other shots, over the dispersion of that prediction, above
 which a warning appears. [1]"""
@@ -380,10 +380,10 @@ def _student_range(median: float, scale: float, degrees_of_freedom: float) -> tu
 
 @dataclass(frozen=True, slots=True)
 class ShotPrediction:
-    """Student's distribution predicted for the next shot of a series, of ln S minus ln S by the published law."""
+    """Predictive distribution of ln S for the next shot of a series: Student's distribution."""
 
     location: float
-    """Median of the distribution. [ln]"""
+    """Median of ln S or, from `predict_shot`, of its deviation from the law. [ln]"""
     scale: float
     """Scale of the distribution. [ln]"""
     degrees_of_freedom: float
@@ -407,7 +407,7 @@ def predict_shot(
     within: float = PublishedTests.within_series,
     degrees_of_freedom: float = PublishedTests.degrees_of_freedom,
 ) -> ShotPrediction:
-    """Return the predictive distribution of ln S for the next shot of a series.
+    """Return the predictive distribution of the deviation of ln S from the law, for the next shot of a series.
 
     Parameters
     ----------
@@ -675,7 +675,7 @@ def _likely_slip(
 
 
 def _body_of(shot: Shot, projectile: Projectile) -> Projectile:
-    """Return the projectile of a shot: the one in the strike, scaled to the diameter of the shot, with its mass."""
+    """Return the projectile of a shot: that of the strike, scaled to the diameter and with the mass of the shot."""
     mass = projectile.mass if shot.mass is None else shot.mass
     scale = 1.0 if shot.diameter is None else shot.diameter / projectile.diameter
     nose = projectile.nose
@@ -696,7 +696,8 @@ def shaped_as_finite_elements(model: "StrengthFactor") -> "StrengthFactor":
     return replace(model, obliquity_shape="finite_elements")
 
 
-# docs/explanation/architecture.md has the recipe for adding a law. mypy reports the functions that do not handle it.
+# docs/explanation/architecture.md has the recipe for adding a law. mypy reports the functions that do not handle a new
+# law.
 StrengthFactor: TypeAlias = ConstantStrengthFactor | ObliquityPolynomial | StrengthPowerLaw | PublishedTests | OwnTests
 
 
@@ -955,7 +956,7 @@ def strength_factor_of_depth(
 
 
 def _nose_inside(projectile: Projectile) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return depths of the tip [m], and the area [m²] and ``∫ sin²α dA`` [m²] of the part of the nose inside."""
+    """Return depths of the tip [m], and area and ``∫ sin²α dA`` of the part of the nose inside at each depth. [m²]"""
     t = np.linspace(0.0, 1.0, PATH_POINTS)
     pieces = [(piece.length, piece.at(t)) for piece in projectile.nose.outline(projectile.radius)]
     depth = np.concatenate([x for _, (x, _, _, _) in pieces])

@@ -36,13 +36,13 @@ TABLE_1 = OwnTests(
 ScatterSource: TypeAlias = Literal["law", "paper_table_1"]
 """Tests from which the scatter of S is taken: those behind the law of published tests, or the four in the paper's Table
 1."""
-# Cores from one structure scatter by 10 to 15 %. The value matters little, because tests give the scatter of S f'c, of
-# which the strength takes a share. With half the value, the ends of the 90 % range of the paper's strike move by 0.2°
-# at most, with twice the value by 0.9°.
+# Cores from one structure scatter by 10 to 15 %. The value matters little, because tests give the scatter of the
+# product S f'c, and the strength accounts for only a part of it. With half the value, the ends of the 90 % range of the
+# paper's strike move by 0.2° at most, with twice the value by 0.9°.
 STRENGTH_DISPERSION = 0.12
 """Standard deviation of the logarithm of the compressive strength about its stated value. [ln]"""
-# The laws are power laws or nearly so. Their logarithm is nearly linear, so the increment may be as large as one per
-# cent.
+# The laws are power laws or nearly so. Their logarithm is nearly linear in ln f'c, so the increment may be as large as
+# one per cent.
 STRENGTH_STEP = 0.01
 """Increment of ln f'c in the difference quotient of ln(S f'c). [ln]"""
 
@@ -77,7 +77,8 @@ def known_strength(
 ) -> tuple[ShotPrediction, StrengthPosterior | None]:
     """Return the predictive distribution of ln S for the next shot, and the posterior of S from shots, if any.
 
-    The location of the distribution is the logarithm of the posterior median or, without shots, 0: relative to the law.
+    With shots, the location of the distribution is the logarithm of the posterior median. Without shots it is 0, since
+    the distribution is then that of the deviation from the law.
 
     Parameters
     ----------
@@ -85,8 +86,8 @@ def known_strength(
         Parts of the strike, as for `critical_angle`.
     strength_scatter
         ``"law"``: S scatters like the published tests about their law or, with own tests in the resistance, by their
-        posterior. ``"paper_table_1"``: S has the posterior of the four shots of the paper, for any strike; the caller
-        is responsible for this choice.
+        posterior. ``"paper_table_1"``: S scatters like the posterior of the paper's four shots, for any strike; the
+        caller is responsible for this choice.
 
     Raises
     ------

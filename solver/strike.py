@@ -18,15 +18,15 @@ TERMINATION_TIME = 0.05
 # Runs of long, slow bodies would otherwise last minutes of simulated time.
 LONGEST_TERMINATION_TIME = 1.0
 """Longest default termination time. [s]"""
-# Of 1,000 projectiles that are turned away, 999 leave sooner. A fixed time left large, slow ones undecided.
+# Of 1,000 projectiles that are turned away, 999 leave within this time. A fixed time left large, slow ones undecided.
 TRANSITS = 20.0
 """Default termination time of slow strikes, over the time to travel the length of the projectile. [1]"""
 # With 3e-7, the work and the lost energy of a trajectory agree to 1e-6. A search only needs the angle, and uses a
 # smaller tolerance where the angle is in doubt.
 TRAJECTORY_TOLERANCE, SEARCH_TOLERANCE = 3e-7, 3e-4
 """Default relative tolerances of trajectories and of searches. [1]"""
-# The integrands are smooth on each stretch, so few stations suffice: with 8 and the tolerance of a search, the paper's
-# angle is within 0.004° of its converged value.
+# The integrands are smooth on each stretch of the outline (see `solver.surface`), so few stations suffice: with 8 and
+# the tolerance of a search, the paper's angle is within 0.004° of its converged value.
 TRAJECTORY_STATIONS, SEARCH_STATIONS = 12, 8
 """Default numbers of Gauss-Legendre points along a stretch of the outline, for trajectories and for searches."""
 # One per cent of the energy is a tenth of the speed. Friction and rubble, which the model leaves out, decide what

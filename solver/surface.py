@@ -1,7 +1,11 @@
 """Surface of a projectile for the compiled code: pieces of its outline, and the paper's panels.
 
-A piece of the outline is cut into stretches on which the loaded arcs change smoothly. The cuts are where the face, or
-the separation line beyond which elements recede from the target, crosses the top or the bottom of a ring.
+A ring is the circle of the surface at one place of the outline. α is the angle from the axis to the outline, and β the
+angle around the axis, from the direction in which the nose moves as the axis angle grows. The outward normal thus has
+the component sin α along the axis, and cos α cos β in that direction.
+
+A piece of the outline is cut into stretches on which the loaded arcs of the rings change smoothly. The cuts are where
+the face, or the separation line beyond which elements recede from the target, crosses the top or the bottom of a ring.
 """
 
 import math
@@ -21,15 +25,17 @@ LINE, ARC = 0.0, 1.0
 BOUNDED, TAPERED, CENTRED = 1, 2, 4
 """Flags of a body, whose sum is `Body.bounds`.
 
-`BOUNDED`: some cavity is bounded toward both faces. `TAPERED`: some cavity is bounded toward the rear face only.
-`CENTRED`: all normals pass through the centre of gravity, as in a sphere, so that no load turns the body."""
+`BOUNDED`: the radius of some cavity is limited toward both faces. `TAPERED`: the radius of some cavity is limited
+toward the rear face only. `CENTRED`: all normals pass through the centre of gravity, as in a sphere, so no load turns
+the body. `sections` explains the limit on a cavity."""
 # A centre of gravity computed from the shape misses the centre by rounding errors, which are far below this bound.
 CENTRED_WITHIN = 1e-9
 """Largest distance from the centre of a sphere to its centre of gravity with which it counts as `CENTRED`, over its
 radius. [1]"""
 
 # Where the base faces the impact face, the channel that the body has cut is behind it. This is an unbounded cavity,
-# whose decay factor is zero to the precision of its polynomials. The exact cosine, zero, would be a divisor.
+# whose decay factor is zero to the precision of its polynomials. With the exact cosine, r / cos α would be a division
+# by zero.
 BEHIND = 1e-100
 """Cosine of α for the base. [1]"""
 # This ratio divides the paper's 12,000 panels into 60 by 200.
@@ -88,8 +94,8 @@ class Panels(NamedTuple):
     normal_lateral: FloatArray
     """Component of the outward normal along u, cos α cos β. [1]"""
     cavity: FloatArray
-    """Radius of the cavity, r / cos α but at most the radius of the shank; unbounded where the normal points backwards,
-    as on the base. [m]"""
+    """Radius of the cavity: r / cos α, at most the radius of the shank unless the normal points backwards. On the base
+    it is practically infinite. [m]"""
     area: FloatArray
     """Area of the element plus its mirror image. [m²]"""
     radius: float
@@ -112,7 +118,7 @@ class Section(NamedTuple):
     """Limit on the radius of the cavity. [m]
 
     0 means no limit: the radius is r / cos α. The radius a of the shank limits it toward both faces; -a, where the
-    normal points backwards, limits it toward the rear face of a wall only. Infinity marks the base."""
+    normal points backwards, limits it toward the rear face of a wall only. For panels, infinity marks the base."""
 
 
 def sections(pieces: tuple[OutlinePiece, ...], radius: float) -> Iterator[Section]:
@@ -120,10 +126,10 @@ def sections(pieces: tuple[OutlinePiece, ...], radius: float) -> Iterator[Sectio
 
     The decay law uses that distance as the radius of a cavity. On a blunt face the distance is unbounded: the cavity
     would be wider than the hole that the body makes, and a distant rear face would weaken the resistance as if it were
-    near. So the cavity is at most as wide as the shank. An ogive never reaches this bound; a cap exceeds it everywhere,
-    because its normals meet at its centre. Elements whose normals point backwards, toward the impact face, have the
-    channel of the body behind them, and the bound does not apply to them: the steeper a body tapers, the smaller is the
-    resistance on its rear, down to zero on a flat base.
+    near. So the cavity is at most as wide as the shank. An ogive never reaches this bound; a cap flatter than a
+    hemisphere exceeds it everywhere, because its normals meet at its centre. Elements whose normals point backwards,
+    toward the impact face, have the channel of the body behind them, and the bound does not apply to them: the steeper
+    a body tapers, the smaller is the resistance on its rear, down to zero on a flat base.
     """
     for piece in pieces:
         if isinstance(piece, Arc):
@@ -210,7 +216,7 @@ def build_panels(projectile: Projectile, properties: MassProperties, count: int)
     Parameters
     ----------
     count
-        Number of panels except on the base, rounded to whole rings on each piece of the outline.
+        Number of panels on the whole surface except the base, rounded to whole rings on each piece of the outline.
 
     Raises
     ------
@@ -341,7 +347,7 @@ def is_loaded(ring: Ring, motion: BodyMotion) -> bool:
 
 @lean
 def _turning(ring: Ring, motion: BodyMotion) -> float:
-    """Return the slope of the normal velocity over cos β. [m/s]"""
+    """Return the derivative of the normal velocity with respect to cos β. [m/s]"""
     sine, cosine, axial, radius = ring
     _, _, _, _, sideways, spin = motion
     return (sideways + spin * axial) * cosine - spin * radius * sine
@@ -366,7 +372,7 @@ def _dips_in(ring: Ring, motion: BodyMotion) -> bool:
 
 @lean
 def is_full(piece: FloatArray, begin: float, end: float, middle: Ring, motion: BodyMotion) -> bool:
-    """Return whether no loaded point of a stretch is weakened by the face; `middle` is the ring in its middle."""
+    """Return whether the face weakens the stress at no loaded point of a stretch; `middle` is its middle ring."""
     # A shank (sin α = 0) that moves sideways into the target is loaded on the side whose normals point into it.
     if middle[0] == 0.0 and _turning(middle, motion) < 0.0:
         return True

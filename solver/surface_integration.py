@@ -1,10 +1,11 @@
 """Compiled integrals of the stress around many rings of the surface at once.
 
-On the ring of the surface at one station, depth, normal velocity and the tilt of the normal are linear in c = cos β. So
-the loaded range of c has a closed form. It consists of at most three arcs, in order of increasing c: one whose normals
-point into the target, on which the face does not weaken the resistance and the integrals have closed forms; one so deep
-that the plastic zone does not reach the face; and one near the face. On the last two the integrand is smooth, so a few
-Gauss-Legendre points in β suffice. This order holds for axis angles of 0 to 180°; callers mirror other states first.
+On the ring of the surface at one station, depth, normal velocity and the tilt of the normal are linear in c = cos β,
+with the angles α and β of `solver.surface`. So the loaded range of c has a closed form. It consists of at most three
+arcs, in order of increasing c: one whose normals point into the target, on which the face does not weaken the
+resistance and the integrals have closed forms; one so deep that the plastic zone does not reach the face; and one near
+the face. On the last two the integrand is smooth, so a few Gauss-Legendre points in β suffice. This order holds for
+axis angles of 0 to 180°; callers mirror other states first.
 
 Rings lie side by side in the rows of one flat array, so that loops over them fill vector registers. No loop has a
 branch: an absent arc has zero width. Rings with only the first arc are stored separately, and take a fraction of the
@@ -26,7 +27,7 @@ from solver.surface import ARC, BodyMotion
 # 256. Half of it must also be a multiple of the vector width, at most 8: loops over whole vectors would otherwise
 # overwrite the other half.
 ROOM = 528
-"""Largest number of rings of each kind in a batch."""
+"""Largest number of rings with up to three arcs in a batch, and of rings with only the first arc."""
 FULL = ROOM
 """Index of the first ring that has only the first arc; other rings begin at 0."""
 CAPACITY = 2 * ROOM
@@ -73,9 +74,9 @@ class Law(NamedTuple):
     ramp_velocity: float
     """Normal velocity over which the static stress of a ring builds up. [m/s]
 
-    S f'c acts in full for any v_n > 0, like dry friction, so a shank that does not move sideways in its hole would need
-    forces that switch infinitely often. Below this velocity the static stress goes to zero smoothly instead, and the
-    shank creeps at a fraction of it."""
+    By eq. 1, S f'c acts in full at any v_n > 0, like dry friction, so a shank that does not move sideways in its hole
+    would need forces that switch infinitely often. Below this velocity the static stress goes to zero smoothly instead,
+    and the shank creeps sideways at a fraction of this velocity."""
     smooth_ramp: bool
     """True for a ramp with zero slope at zero velocity. Steps with a coarse tolerance need the other ramp, which begins
     linearly: without a slope at rest the body would seem free to move."""
@@ -115,7 +116,7 @@ def loaded_range(depth: float, depth_slope: float, speed: float, speed_slope: fl
 def ramped(fastest: float, static_stress: float, ramp_velocity: float, smooth: bool) -> float:
     """Return the ramped static stress on a ring whose fastest point has the normal velocity `fastest`. [Pa]"""
     # The ramp r² / √(1 + r⁴) takes only a root; a hyperbolic tangent would be a library call in each pass of the loop.
-    # For large r it differs from 1 by r⁻⁴ / 2. An earlier ramp, r² / (1 + r²), differs by r⁻², which made the depth in
+    # For large r it differs from 1 by r⁻⁴ / 2. An earlier ramp, r² / (1 + r²), differed by r⁻², and made the depth in
     # normal impact 5e-6 larger than the closed form.
     ramp = fastest / ramp_velocity
     ramp *= ramp if smooth else 1.0
@@ -217,8 +218,8 @@ def _load_full_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:
 def _ring_loader(name: str, *, bounded: bool) -> Callable[[FloatArray, np.uint64, Law], None]:
     """Return a function that finds the arcs of rings, for bodies with or without a bounded cavity.
 
-    Bodies without a bounded cavity, such as ogives, save a selection for each ring. The cache of compiled code
-    distinguishes the two functions by `name`.
+    The function for bodies without a bounded cavity, such as ogives, omits a selection in its loop. The cache of
+    compiled code distinguishes the two functions by `name`.
     """
 
     def load_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:

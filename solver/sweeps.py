@@ -1,6 +1,6 @@
 """Sweeps of a case over a grid of inputs, and its answers with alternative decay and strength laws.
 
-A sweep returns an ``xarray.Dataset``, which requires xarray. Answers with several laws show the effect of their choice.
+A sweep returns an ``xarray.Dataset``, which requires xarray. Answers with several laws show how much the law matters.
 """
 
 import itertools
@@ -47,7 +47,7 @@ MOST_POINTS = 100_000
 ANY_VELOCITY = 1.0
 """Placeholder for the velocity where it is an axis. [m/s]"""
 SWEPT = ("projectile", "target", "impact", "resistance")
-"""Parts of a strike whose fields may be axes."""
+"""Parts of a strike whose fields a sweep may vary."""
 SYMBOLS = {"caliber_radius_head": "ψ"}
 """Symbols of fields in labels."""
 DECAY_LAWS = {
@@ -363,7 +363,7 @@ class Alternative(Generic[Answer]):
     """Answer, or the error if the case cannot be computed with these laws."""
 
     def laws(self) -> Row:
-        """Return the names of the laws, as columns of a table."""
+        """Return the names of the laws, and the data and theory behind them, as columns of a table."""
         return {
             "decay_law": self.free_surface,
             "strength_law": self.strength_factor,
@@ -427,7 +427,7 @@ def alternatives(
 
 
 def alternative_resistances(resistance: Resistance = EQUATION_9) -> tuple[Resistance, ...]:
-    """Return the resistances of `alternatives`: the given one with other laws of the decay and of S."""
+    """Return the resistances that `alternatives` uses: the given one with each choice of the laws of decay and of S."""
     resistance = usual_unless_given(resistance)
     inertia = getattr(resistance.free_surface, "inertia", False)
     return tuple(

@@ -6,8 +6,8 @@ from dataclasses import dataclass, fields
 from solver.checks import require, require_bounds
 
 # A plug as high as the wall would leave no resistance, and the slowest body would perforate. With a tenth of the wall
-# left, the paper's body perforates a wall of 50 mm from 33 m/s on; CEA-EDF gives 18 m/s, and the model without a plug
-# 86 m/s.
+# left, the paper's body perforates a wall of 50 mm from 33 m/s on; the CEA-EDF formula gives 18 m/s, and the model
+# without a plug 86 m/s.
 MOST_PLUG = 0.9
 """Largest height of a plug, over the thickness of the wall. [1]"""
 
@@ -135,7 +135,7 @@ class ShearPlug:
 
     def __post_init__(self) -> None:
         # Near the ends of the accepted range the cone is almost a cylinder or a disc, for which the formula is not
-        # meant; both are rough choices. The margin allows for the conversion between degrees and radians.
+        # meant; both ends are rough choices. The margin allows for the conversion between degrees and radians.
         degrees = math.degrees(self.cone_angle)
         fits = math.isfinite(degrees) and 10.0 - 1e-9 <= degrees <= 85.0 + 1e-9
         require(fits, "resistance.rear_plug.cone_angle", f"must be 10° to 85°, got {degrees:g}°")

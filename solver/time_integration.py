@@ -176,8 +176,8 @@ ERROR_WEIGHTS = np.array([2.302155402932996, 3.073634485392623, -0.8732808018045
 """Weights of the stages in the difference of the solutions of order 4 and 3."""
 EVALUATIONS = 2
 """Number of evaluations of the load in one attempt at a step, not counting its two ends."""
-# The error of a forward quotient is smallest near the square root of the rounding error, 1.5e-8. A value several times
-# as large allows for the rounding of the sums over the rings.
+# The error of a forward difference quotient is smallest near the square root of the rounding error, 1.5e-8. A value
+# several times as large allows for the rounding of the sums over the rings.
 DIFFERENCE = 1e-7
 """Increment of position in difference quotients, over the distance from centre of gravity to tip. [1]"""
 # The static stress rises from zero over the ramp velocity, so the increment has to be a small fraction of it.

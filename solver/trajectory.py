@@ -130,7 +130,10 @@ class Trajectory:
     """Largest bending stress; None if a given centre of gravity or moment of inertia is not that of the shape."""
 
     def row(self) -> Row:
-        """Return the row of a table: outcome, extremes, strength factor and final state, in SI units and radians."""
+        """Return the row of a table: outcome, depth, protrusion, bending stress, strength factor and final state.
+
+        Values are in SI units and radians.
+        """
         protrusion = self.protrusion
         return {
             "outcome": self.outcome.value,
@@ -164,7 +167,8 @@ class Trajectory:
         Parameters
         ----------
         projectile
-            Projectile of the strike, whose outline is drawn; without it, its axis is drawn.
+            Projectile of the strike, whose outline is drawn; without it, only the axis from the nose tip to the centre
+            of gravity is drawn.
         ax
             Axes for the side view alone; a new pyplot figure with all plots unless given.
 

@@ -72,12 +72,12 @@ CONVERTED_DIGITS = 4
 
 # Four digits are read at a glance, and a comma among them may be taken for a decimal comma, as in 1,170 mm.
 GROUPED_FROM = 5
-"""Least number of digits before a decimal point that are grouped in thousands, by commas. [1]"""
+"""Least number of digits before the decimal point at which commas separate thousands. [1]"""
 COHERENT: Mapping[str, str] = {"mm": "m", "MPa": "Pa", "GPa": "Pa", "ms": "s", "%": ""}
 """Coherent SI units, in which numbers are given, by the units in which texts show the quantities."""
 AMOUNT_DIGITS, WHOLE_DIGITS = 6, 16
-"""Significant digits of a number in the message of an error, enough to see on which side of a bound it is, and of a
-whole number, which has all of them. [1]"""
+"""Significant digits of numbers in the message of an error: enough to see on which side of a bound a number is, and
+enough for all digits of a whole number. [1]"""
 
 _system: ContextVar[UnitSystem | None] = ContextVar("unit_system", default=None)
 
@@ -178,7 +178,7 @@ def interval(lower: float, upper: float, unit: str) -> str:
 
 
 def with_symbol(text: str, unit: str) -> str:
-    """Append the symbol of the unit in use for quantities with the SI unit `unit` to their formatted numbers."""
+    """Append the symbol of the unit in use for the SI unit `unit` to formatted numbers."""
     found = symbol(unit)
     return f"{text}{found}" if found in ("", "°") else f"{text} {found}"
 

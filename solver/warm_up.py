@@ -23,8 +23,9 @@ def warm_up(report: Report | None = None) -> None:
     """Compile all functions of the solver, or load them from the cache.
 
     The first call on a machine takes about a minute, later ones a fraction of a second. Functions that are not in the
-    cache are compiled in another process, so that the memory of the compiler is freed when that process ends. If it
-    fails, a `RuntimeWarning` gives the reason, and this process compiles the rest.
+    cache are compiled in another process, so that the memory of the compiler is freed when that process ends. If that
+    process fails, a `RuntimeWarning` gives the reason, and this process compiles the rest. If the cache cannot be
+    written, this process compiles everything.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ from solver.units import fixed, interval, number, quantity, with_symbol
 RIGID_VELOCITY = 800.0
 """Speed above which a body is not rigid. [m/s]"""
 TESTED_STRENGTH = (13e6, 97e6)
-"""Compressive strengths of the penetration tests behind eq. 1 (Forrestal et al. 1994, Frew et al. 1998). [Pa]"""
+"""Range of compressive strengths in the tests behind eq. 1 (Forrestal et al. 1994, Frew et al. 1998). [Pa]"""
 EQUATION_9_STRENGTH, EQUATION_9_DIAMETER = 39e6, 0.08
 """Strength of the concrete and diameter of the projectile to which eq. 9 was fitted. [Pa, m]"""
 # By the law of published tests, S changes by 2 % over the first and by 5 to 7 % over the second, less than it scatters.
@@ -65,8 +65,8 @@ class ModelWarning:
     detail
         Explanation for people, with quantities in the units that `solver.units` has in use.
     standing
-        True for a standing note: most answers have the warning, and it hardly changes them. Standing notes are shown
-        together.
+        True for a standing note: a warning that most answers have, or that hardly changes this answer. Standing notes
+        are shown together.
     angle_shift
         Change of the critical angle by the effect that the warning names, if it was computed. [rad]
     """
@@ -196,14 +196,14 @@ def law_warnings(
 def _strength_law_warnings(
     *, projectile: Projectile, target: Target, resistance: Resistance, impact: Impact
 ) -> list[ModelWarning]:
-    """Return the warnings about the law of the strength factor."""
     model, angle, held = resistance.strength_factor, abs(impact.oblique_angle), resistance.held_from
     found: list[ModelWarning] = []
     match model:
         case ConstantStrengthFactor():
             pass
         case ObliquityPolynomial():
-            found += _beyond_fit_over_angle("equation_9", angle, held)  # polynomials are fits like eq. 9
+            # Any polynomial is assumed to be a fit over the angles of eq. 9.
+            found += _beyond_fit_over_angle("equation_9", angle, held)
             if any(model.coefficients[1:]) and angle > HELD_FROM < held:
                 found.append(_strength_factor_not_held(angle, held))
             if model.coefficients == EQUATION_9_COEFFICIENTS:
@@ -235,7 +235,7 @@ def _beyond_fit_over_angle(shape: ObliquityShape, angle: float, held: float) -> 
     Parameters
     ----------
     angle, held
-        Absolute oblique angle, and the angle from which S is held constant. [rad]
+        Absolute value of the oblique angle, and the angle from which S is held constant. [rad]
     """
     fitted_to = FINITE_ELEMENTS_TO if shape == "finite_elements" else ObliquityPolynomial.fitted_to
     # An angle converted from degrees may exceed the limit by rounding.
