@@ -1,7 +1,7 @@
 """Attacks on a service that requires keys, while another owner sends queries.
 
 An attacker sends up to 200 requests a second, or holds up to `HELD` connections. Attacker and service share one
-machine, so the rate is low enough not to exhaust the processor.
+machine, so the rate is kept low enough not to exhaust the processor.
 """
 
 import json
@@ -35,7 +35,7 @@ JSON = b"Content-Type: application/json"
 CHUNKED_BODY = b"%x\r\n%b\r\n0\r\n\r\n" % (len(BODY), BODY)
 
 fresh = count(1)
-"""Counter for velocities, so that no case is answered from the cache."""
+"""Counter that gives each case a new velocity, so none is answered from the cache."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,15 +46,16 @@ class Target:
 
     @staticmethod
     def of(url: str) -> "Target":
-        """Return the target for the URL of a service."""
         return Target(urlsplit(url).port or 80)
 
     def connect(self, seconds: float = 20.0) -> socket.socket:
-        """Open a TCP connection to the service."""
         return socket.create_connection(("127.0.0.1", self.port), timeout=seconds)
 
     def send(self, line: bytes, *headers: bytes, body: bytes = b"") -> tuple[int, bytes]:
-        """Send a request exactly as given; return the status of the answer (0 if there is none) and the raw answer."""
+        """Send a request; return the status of the answer (0 if there is none) and the raw answer.
+
+        `Connection: close` is added, and where they are needed `Host` and `Content-Length`.
+        """
         head = [line, *([] if any(h.startswith(b"Host") for h in headers) else [b"Host: localhost"]), *headers]
         coded = any(header.startswith(b"Transfer-Encoding") for header in headers)
         head += [b"Connection: close", *([b"Content-Length: %d" % len(body)] if body and not coded else [])]
@@ -83,7 +84,6 @@ class Attacker:
 
     @property
     def authorization(self) -> bytes:
-        """The `Authorization` header with the attacker's key."""
         return f"Authorization: Bearer {self.token}".encode()
 
     @property
@@ -97,7 +97,7 @@ class Attacker:
             self.statuses.append(self.target.send(line, *headers, body=body)[0])
 
     def hold(self, start: bytes) -> None:
-        """Open a connection, send some bytes and keep it open."""
+        """Open a connection, send `start` and keep the connection open, unless `HELD` connections are open already."""
         if len(self.held) < HELD:
             with suppress(OSError):
                 connection = self.target.connect()
@@ -105,7 +105,7 @@ class Attacker:
                 connection.sendall(start)
 
     def drip(self, drop: bytes) -> None:
-        """Send a few bytes on every open connection every `DRIP_SECONDS`."""
+        """Send `drop` on every open connection, at most once every `DRIP_SECONDS`."""
         if time.monotonic() - self.dripped < DRIP_SECONDS:
             return
         self.dripped = time.monotonic()
@@ -130,7 +130,7 @@ def key_in_address(attacker: Attacker) -> None:
 
 
 def jobs_of_others(attacker: Attacker) -> None:
-    """Guess the ids of jobs."""
+    """Request the results of a job by a guessed id."""
     attacker.send(b"GET /jobs/%016x/results HTTP/1.1" % time.monotonic_ns(), attacker.authorization)
 
 
@@ -150,7 +150,7 @@ def long_bodies(attacker: Attacker) -> None:
 
 
 def bombs(attacker: Attacker) -> None:
-    """Send a body declared as gzip, as for a decompression bomb, with a valid key."""
+    """Send a body declared as gzip, as a decompression bomb would be, with a valid key."""
     gzip = b"Content-Encoding: gzip"
     attacker.send(b"POST /cra HTTP/1.1", JSON, attacker.authorization, gzip, body=b"\x1f\x8b" + b"\0" * 9000)
 

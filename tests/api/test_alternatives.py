@@ -23,11 +23,11 @@ LAWS = [
 ]
 
 NEVER_YIELDS = PAPER["target"] | {"youngs_modulus_pa": 1e7}
-"""Concrete with too low a modulus to yield around an expanding cavity, although both decay theories require this."""
+"""Concrete whose modulus is too low for it to yield around an expanding cavity, which both decay theories assume."""
 
 
 def strike(velocity: float, **more: Any) -> dict[str, Any]:
-    """Return the paper's case at this velocity, with other changed fields."""
+    """Return the paper's case at this velocity, with other fields changed."""
     return PAPER | {"impact": {"velocity_m_s": velocity}} | more
 
 
@@ -96,7 +96,7 @@ def test_cached_alternatives_are_not_computed_again(client: httpx.Client) -> Non
     before = misses()
     first = client.post("/cra", json=body | {"alternatives": True})
     assert first.headers["Cache-Status"] == "ricochet; fwd=miss"
-    assert misses() - before == len(LAWS) - 1  # The laws include the laws of the case (eq. 9, elastic-plastic).
+    assert misses() - before == len(LAWS) - 1  # One of them is cached.
     again = client.post("/cra", json=body | {"alternatives": True})
     assert again.headers["Cache-Status"] == "ricochet; hit"
     assert again.content == first.content

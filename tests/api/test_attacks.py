@@ -36,7 +36,7 @@ def mallory(guarded: Guarded) -> str:
 
 
 def stranger() -> str:
-    """Token of a key of another service."""
+    """Token of a key that the service does not know."""
     return make_key("mallory", frozenset({"admin"}))[1]
 
 

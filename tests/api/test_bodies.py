@@ -27,7 +27,7 @@ OPERATIONS: dict[str, dict[str, Any]] = {
     "/trajectory/uncertainty": STUDY | {"impact": AT_20},
 }
 ON_A_LINE = [[0.12 * i / 7, 0.04 * i / 7] for i in range(8)]
-"""Points of a cone. By rounding, one slope exceeds the slope before it by one unit in the last place."""
+"""Points of a cone. Because of rounding, one slope exceeds the slope before it by one unit in the last place."""
 
 
 def densities(answer: dict[str, Any]) -> list[str]:
@@ -73,7 +73,7 @@ BOAT_TAIL = {"length_m": 0.1, "base_diameter_m": 0.06}
 
 
 def test_tapering_bodies_are_accepted_and_distinguished(client: httpx.Client) -> None:
-    """Searches, trajectories and sweeps accept tapered bodies and tell them apart, and the report draws them."""
+    """Searches, trajectories and sweeps accept tapered bodies, and the search finds a different angle for each."""
     plain = PAPER["projectile"]
     closed = {"shape": "profile", "points": [[0.0, 0.0], [0.2, 0.04], [0.53, 0.0]]}
     bodies = [plain, SPHERE, plain | {"boat_tail": BOAT_TAIL}, plain | {"nose": closed}]

@@ -488,7 +488,7 @@ def refusals(client: httpx.Client) -> Iterator[tuple[str, httpx.Response]]:
 
 
 def described(request: str, answer: httpx.Response) -> str:
-    """Return the lines of `messages.txt` for an answer: status and title, then the detail."""
+    """Return the lines of `messages.txt` for an answer: the request, then status and title, then the detail."""
     problem = Problem.model_validate_json(answer.content)
     assert answer.headers["Content-Type"] == "application/problem+json"
     assert answer.status_code == problem.status < 500, request

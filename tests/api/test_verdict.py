@@ -35,7 +35,7 @@ def check_is_the_same_everywhere(
     """Check that HTTP, Python, the report, and the command line with and without a service give the same sentence."""
     found = answered(client, "/verdict", body)
     request, angle = ReportRequest.model_validate(body), body["impact"].get("oblique_angle_deg")
-    # Searches and strikes have different default tolerances; the arguments use the tolerance of searches.
+    # Searches and strikes have different default tolerances. The arguments contain that of searches, so it is removed.
     arguments = request.arguments()[0] | ({} if "numerics" in body else {"numerics": None})
     flight = FlightInput.model_validate(body.get("flight", {})).to_solver()
     oblique_angle = None if angle is None else math.radians(angle)
@@ -81,7 +81,7 @@ def test_verdict_is_the_same_over_http_in_python_on_the_command_line_and_in_the_
 def test_verdict_on_odd_strikes_is_the_same_everywhere(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Timeouts are an hour: some verdicts take minutes, and one whose study exceeds its time limit has no range."""
+    """Time limits are raised, because some verdicts take minutes, and a verdict whose study is cut off has no range."""
     monkeypatch.setattr("service.cli.client.TIMEOUT", httpx.Timeout(3600.0))
     with (
         running_service(tmp_path, study_seconds="3600", task_seconds="600") as service,

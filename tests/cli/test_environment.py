@@ -81,7 +81,7 @@ def drawn(folder: Path, *words: str, **settings: str) -> bytes:
 
 
 def test_settings_of_matplotlib_do_not_change_plots(folder: Path) -> None:
-    """Plots ignore a `matplotlibrc` in the working folder and one of the user, even with an invalid encoding."""
+    """Plots ignore a `matplotlibrc` in the working folder, and a file named by MATPLOTLIBRC that is not valid UTF-8."""
     words = ("trajectory", "strike.toml", "--angle", "45", "--plot", "plot.svg")
     assert run(folder, *words, SOURCE_DATE_EPOCH="0").status == 0
     usual = (folder / "plot.svg").read_bytes()

@@ -84,7 +84,7 @@ def test_cache_commands_count_verify_rebuild_and_evict_results(
         for record in (*map(trajectory, range(3)), critical_angle(3)):
             cache.put(record)
         assert cli.main(["cache", "stat"]) == 0
-        # The result is still in the journal, not in a file.
+        # The results are still in the journal, not in files.
         assert capsys.readouterr().out.startswith("4 results, 0 files, ")
         assert cli.main(["cache", "verify"]) == 1  # The folder is in use.
         assert "in use" in capsys.readouterr().err
@@ -207,7 +207,7 @@ def test_interrupt_while_the_workers_start_prints_no_traceback(seconds: float, t
 
 
 def test_terminal_shows_the_address_and_readable_log_lines(tmp_path: Path) -> None:
-    """The log warns once of the unknown variable RICOCHET_WORKER."""
+    """The log warns once about the unknown variable RICOCHET_WORKER."""
     port = free_port()
     settings = {"RICOCHET_PORT": str(port), "RICOCHET_DATA_DIR": "data", "RICOCHET_WORKERS": "1", "NO_COLOR": "1"}
     settings["RICOCHET_WORKER"] = "3"

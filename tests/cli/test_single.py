@@ -67,8 +67,8 @@ def test_angle_and_warnings_are_on_separate_lines(here: Path, capsys: pytest.Cap
     assert shown.out in verbose.out
     assert len(verbose.out.splitlines()) > len(found["iterations"])
     assert all(warning["detail"] in verbose.err for warning in found["warnings"])
-    # The extrapolation of S shifts the angle by more than the scatter of the paper's four tests, which is narrower than
-    # the scatter of the default law.
+    # The extrapolation of S shifts the angle by more than a quarter of the 90 % range that follows from the scatter of
+    # the paper's four tests. The range that follows from the scatter of the default law is wider.
     moved = ["--velocity", "500", "--set", "strength_scatter=paper_table_1"]
     assert cli.main(["cra", "strike.toml", *moved]) == 0
     assert capsys.readouterr().err == "1 warning (-v explains): strength_fit_extrapolated\n"
@@ -360,7 +360,7 @@ def unreliable_url() -> Iterator[str]:
 def test_request_to_a_busy_service_is_repeated_with_the_key(
     folder: Path, unreliable_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Blanks around the key in the environment variable are removed."""
+    """Whitespace around the key in the environment variable is removed."""
     monkeypatch.setattr("service.cli.client.RETRY_PAUSES", (0.1, 0.1, 0.1))
     UnreliableService.replies = ["busy", "gone", "busy", "good"]
     args = ["cra", "strike.toml", "--json", "--url", unreliable_url]

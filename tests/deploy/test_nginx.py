@@ -210,7 +210,7 @@ def test_requests_per_address_are_limited(proxy: Proxy) -> None:
 
 
 def test_links_work_below_a_path_prefix(proxy: Proxy) -> None:
-    """Links in answers can be followed from the address of the first request."""
+    """Links in an answer are relative to the address from which the client received it."""
     base = f"https://127.0.0.1:{proxy.port}"
     with proxy.client() as client:
 
@@ -236,7 +236,7 @@ def test_links_work_below_a_path_prefix(proxy: Proxy) -> None:
 
 
 def test_too_long_bodies_are_refused_before_they_arrive_completely(proxy: Proxy) -> None:
-    """nginx refuses bodies that are too long for their path; the service refuses a batch of plain text by its head."""
+    """nginx refuses bodies that are too long for their path; the service refuses a batch of type text/plain."""
     known = len(proxy.entries())
     for path in ("/nothing", "/cra", "/jobs", "/mcp"):
         with proxy.client() as client:

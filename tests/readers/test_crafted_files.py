@@ -210,7 +210,7 @@ def valid_files(folder: Path) -> dict[Path, Reader]:
 
 
 def mutated(content: bytes, drawn: random.Random) -> bytes:
-    """Return the content with some bytes changed, removed, repeated or moved."""
+    """Return the content with some bytes changed, removed, repeated or inserted."""
     changed = bytearray(content)
     for _ in range(drawn.randint(1, 4)):
         begin, end = sorted(drawn.randrange(len(changed) + 1) for _ in range(2))
