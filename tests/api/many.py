@@ -48,7 +48,6 @@ def slow_strikes(count: int) -> list[dict[str, Any]]:
 
 
 def lines(cases: list[dict[str, Any]]) -> bytes:
-    """Return cases as JSON lines."""
     return "".join(json.dumps(case) + "\n" for case in cases).encode()
 
 

@@ -19,7 +19,6 @@ def key_in(folder: Path, owner: str, *scopes: str, **more: Any) -> str:
 
 
 def bearer(token: str) -> dict[str, str]:
-    """Return the `Authorization` header with a token."""
     return {"Authorization": f"Bearer {token}"}
 
 
@@ -47,7 +46,7 @@ class Guarded:
             until(lambda: is_known(client))  # noqa: B023 (called at once)
 
     def with_key(self, owner: str, *scopes: str, **more: Any) -> httpx.Client:
-        """Return a client with a new key, after the service has read that key."""
+        """Add a key; return a client that uses it, once the service has read it."""
         token = key_in(self.folder, owner, *scopes, **more)
         with holder(self.url, token) as client:
             until(lambda: is_known(client))
@@ -55,7 +54,7 @@ class Guarded:
 
 
 def is_known(client: httpx.Client) -> bool:
-    """Return whether the service accepts the key of this client; it reads new keys periodically."""
+    """Return whether the service, which reads new keys periodically, accepts the key of this client."""
     return client.get("/jobs").status_code != httpx.codes.UNAUTHORIZED
 
 

@@ -624,7 +624,6 @@ def test_revoking_an_unknown_key_writes_no_file(tmp_path: Path) -> None:
 
 
 def ricochet_keys(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    """Run `ricochet keys` and return its output."""
     assert cli.main(["keys", *arguments]) == 0
     return capsys.readouterr().out.strip()
 

@@ -183,7 +183,6 @@ def test_limits_are_exact(limits: Callable[[Settings], BodyLimits]) -> None:
 
 
 def test_largest_bodies_of_the_contract_are_within_the_limits() -> None:
-    """A request, a batch, a calibration and a sweep as large as the contract allows pass the limits."""
     shots = [{"velocity_m_s": 238.1, "depth_m": 0.3}] * 1000
     points = [[0.001 * number, 0.04] for number in range(1000)]
     strike = {"projectile": {"nose": {"shape": "profile", "points": points}}, "resistance": {"shots": shots}}

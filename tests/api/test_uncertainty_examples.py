@@ -15,7 +15,6 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def run(name: str, *arguments: str) -> str:
-    """Run an example and return its output."""
     command = [sys.executable, str(EXAMPLES / name), *arguments]
     environment = os.environ | {"NO_PROXY": "*"}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=240, check=False)

@@ -45,7 +45,6 @@ class Tab:
         self._context = self._call("browsingContext.getTree")["contexts"][0]["context"]
 
     def open(self, url: str) -> None:
-        """Open an address, and wait until it is loaded."""
         self._call("browsingContext.navigate", context=self._context, url=url, wait="complete")
 
     def evaluate(self, expression: str) -> Any:

@@ -38,7 +38,6 @@ def trajectories(count: int, first: int = 0, *, slow: bool) -> list[dict[str, An
 
 
 def jsonl(cases: Sequence[dict[str, Any]]) -> bytes:
-    """Return cases as JSON lines."""
     return b"".join(json.dumps(case).encode() + b"\n" for case in cases)
 
 

@@ -34,9 +34,9 @@ class RestartableServer:
     folder
         Folder of the log and, unless `data` is given, of the data folder.
     data
-        Data folder.
+        Data folder, by default a subfolder of `folder`.
     cwd
-        Working directory.
+        Working directory of the service and its commands.
     **settings
         Settings of the service, as RICOCHET_ variables in lower case and without the prefix.
     """
@@ -68,7 +68,6 @@ class RestartableServer:
 
     @property
     def pid(self) -> int:
-        """Process id of the server."""
         assert self._process is not None
         return self._process.pid
 
@@ -89,7 +88,7 @@ class RestartableServer:
         self.wait_until("/readyz")
 
     def wait_until(self, path: str) -> None:
-        """Wait until a request of this path succeeds."""
+        """Wait until a GET request for this path succeeds."""
         deadline = time.monotonic() + START_LIMIT_S
         while time.monotonic() < deadline:
             assert self._process is not None

@@ -109,7 +109,6 @@ def with_tail(length: float, base: float) -> Projectile:
     ids=["no taper", "hardly any", "a short one", "a short one to a point"],
 )
 def test_vanishing_taper_approaches_the_plain_body(tail: tuple[float, float], agreement: float) -> None:
-    """The critical angle approaches the angle of a body with a flat base."""
     assert angle(with_tail(*tail)) == pytest.approx(angle(PLAIN), abs=agreement)
 
 

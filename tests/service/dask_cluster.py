@@ -45,7 +45,6 @@ class DaskCluster:
         raise TimeoutError("the scheduler does not listen")
 
     def kill_scheduler(self) -> None:
-        """Kill the scheduler, as in a crash."""
         assert self.scheduler is not None
         self.scheduler.kill()
         self.scheduler.wait()

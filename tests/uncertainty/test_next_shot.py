@@ -31,7 +31,7 @@ LAW = Resistance(strength_factor=PublishedTests())
 BETWEEN, WITHIN = PublishedTests.between_series, PublishedTests.within_series
 STRENGTH = 0.05
 SHARE = (1.0 - 0.18) * STRENGTH
-"""Standard deviation of ln(S f'c) caused by the scatter of the strength; S falls with the 0.18th power of it. [1]"""
+"""Standard deviation of ln(S f'c) that the scatter of the strength causes; S is proportional to strength^-0.18. [1]"""
 
 
 def study(uncertain: Sequence[Uncertain], law: Resistance = LAW, method: str = "auto") -> AngleUncertainty:
@@ -129,7 +129,6 @@ def test_scatter_smaller_than_within_a_series_is_not_reduced() -> None:
 
 
 def test_shots_narrow_the_range_even_if_strength_scatters_most() -> None:
-    """The range narrows even if nearly all scatter comes from the strength, not from the strength factor."""
     wide = [
         Uncertain("target.compressive_strength", Lognormal(median=39e6, dispersion=0.4)),
         Uncertain(RESIDUAL, Lognormal(median=1.0, dispersion=0.05)),
