@@ -18,8 +18,9 @@ from service.cli.arguments import FAILED, CommandError, RefusedError, reason_of
 
 API_KEY = "RICOCHET_API_KEY"
 """Environment variable with the API key. A flag would be visible in the list of processes."""
-TIMEOUT = httpx.Timeout(120.0, connect=10.0)
-"""Timeouts of a request [s], above the limits of a single query: 30 s in the queue and 60 s of computation."""
+TIMEOUT = httpx.Timeout(660.0, connect=10.0)
+"""Timeouts of a request [s], above the longest limits of an answer: 30 s in the queue, and 600 s for the two studies of
+a verdict or a report, with the default settings of the service."""
 RETRY_PAUSES = (1.0, 2.0, 4.0, 8.0, 10.0, 10.0, 10.0)
 """Backoff before each retry after a lost connection [s]. The sum of 45 s is enough for a restart of the service, which
 takes seconds, unless the service has to compile the solver, which takes about a minute."""
@@ -105,7 +106,7 @@ def wrong_variables(error: Exception) -> str:
     elif isinstance(error, OSError):
         detail = f"names no certificates: {reason_of(error)}"
     else:
-        detail = "is not the address of a proxy, or of NO_PROXY the names of hosts, ::1 without brackets"
+        detail = "must be the address of a proxy; in NO_PROXY the names of hosts, ::1 without brackets"
     return f"{' or '.join(names) or 'the proxy of the system'} {detail}"
 
 
@@ -309,4 +310,4 @@ def retry_pause(response: httpx.Response) -> float:
     """Return the time to wait before a request is retried [s]."""
     seconds = response.headers.get("Retry-After", "")
     # `Retry-After` may also be a date, which this service does not send; the pause is then one second.
-    return min(float(seconds) if seconds.isdigit() else 1.0, LONGEST_PAUSE)
+    return min(float(seconds) if seconds.isdecimal() else 1.0, LONGEST_PAUSE)

@@ -296,6 +296,8 @@ def pages(client: "Client", job_id: str, report: ProgressReport) -> Iterator[Seq
         if page["next"] == cursor:
             time.sleep(pause)
             pause = min(2.0 * pause, LONGEST_PAUSE)
+        else:
+            pause = SHORTEST_PAUSE
         cursor = page["next"]
 
 

@@ -92,7 +92,7 @@ def run_uncertainty(args: argparse.Namespace) -> int:
     strike = "oblique_angle_deg" in body.content.get("impact", {})
     if args.plot:
         if strike:
-            raise CommandError("--plot: there is a curve to plot without --angle only")
+            raise CommandError("--plot: only a study without --angle has a curve to plot")
         check_plot()
     if args.next_shot and strike:
         raise CommandError("--next-shot: goes without --angle: shots narrow the range of the critical angle")
@@ -189,7 +189,7 @@ def estimate(operation: str, body: RequestBody, url: str) -> bytes:
     CommandError
         If the request is refused or fails. The message names the invalid flag or field of the file.
     """
-    from service.cli.client import JSON, POLL_SECONDS, UNFINISHED, connect, dumps
+    from service.cli.client import JSON, POLL_SECONDS, UNFINISHED, connect, dumps, without_secrets
 
     content = dumps(body.content)
     with connect(url) as client, progress("sampling") as report:
@@ -206,7 +206,8 @@ def estimate(operation: str, body: RequestBody, url: str) -> bytes:
                     width = reached(now.get("half_width"), now["requested_half_width"])
                     report(now["samples"], now["max_samples"], width)
         except KeyboardInterrupt:
-            print(f"the job continues; for its results: ricochet jobs results {job['id']} --url {url}", file=sys.stderr)
+            where = without_secrets(url)
+            print(f"the job continues; for its results: ricochet jobs results {job['id']} --url {where}", file=sys.stderr)
             raise
         if job["status"] != "successful":
             reason = problem_text(job["problem"]) if "problem" in job else "it was cancelled"
