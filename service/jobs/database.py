@@ -205,7 +205,7 @@ class Database:
                         self._opened = self._path.stat()
                 yield self._connections[kind]
             except (sqlite3.Error, OSError) as error:
-                raise storage_error("jobs cannot be stored", error) from error
+                raise storage_error(f"jobs cannot be {'stored' if kind == 'write' else 'read'}", error) from error
 
     def _open(self) -> sqlite3.Connection:
         make_private_folder(self._path.parent)
