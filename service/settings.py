@@ -88,7 +88,7 @@ class ServerSettings(SettingsGroup):
             try:
                 ip_network(proxy)
             except ValueError as error:
-                raise ValueError(f"{proxy!r} is no address or network: {error}") from None
+                raise ValueError(f"{proxy!r} is not an address or a network: {error}") from None
         return proxies
 
     @model_validator(mode="after")

@@ -373,7 +373,7 @@ def plot_endings(
     if ax is None and shown:
         for outcome, found in shown.items():
             _draw_quantiles(panels[2], found, COLORS[outcome], outcome.replace("_", " "))
-        panels[2].set(xlabel="speed at the exit [m/s]", ylabel="share of them below")
+        panels[2].set(xlabel="speed at the exit [m/s]", ylabel="share of exits below")
         panels[2].legend(frameon=False, fontsize="small")
     for panel in panels:
         panel.grid(visible=True, alpha=0.3)

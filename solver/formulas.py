@@ -23,7 +23,7 @@ NoseClass: TypeAlias = Literal["flat", "blunt", "hemispherical", "sharp"]
 """Class of a nose, in order of increasing penetration."""
 NDRC_NOSE: Mapping[NoseClass, float] = {"flat": 0.72, "blunt": 1.0, "hemispherical": 1.0, "sharp": 1.14}
 """Nose factor N of the NDRC formula, see `modified_ndrc`. [1]"""
-NDRC_NOSE_NOTE = "nose factor 1.0, the safe side; 0.84 is printed too"
+NDRC_NOSE_NOTE = "nose factor 1.0, on the safe side; some sources give 0.84"
 """Note on results for noses whose factor differs between the sources."""
 HUGHES_NOSE: Mapping[NoseClass, float] = {"flat": 1.0, "blunt": 1.12, "hemispherical": 1.26, "sharp": 1.39}
 """Nose factor N of Hughes' formula. [1]"""

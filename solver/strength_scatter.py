@@ -103,7 +103,7 @@ def known_strength(
     model = resistance.strength_factor
     match model:
         case OwnTests():
-            require(strength_scatter == "law", "strength_scatter", "must be 'law' where S is read from own tests")
+            require(strength_scatter == "law", "strength_scatter", "must be 'law' if S follows from own tests")
             posterior = model.posterior(
                 projectile=projectile, target=target, inertia_factor=resistance.inertia_factor, crater=resistance.crater
             )

@@ -245,7 +245,7 @@ def full_name(parts: Mapping[str, Any], field: str, where: str, *others: str) ->
     found = [field] if field in known else [name for name in known if name.endswith(f".{field}")]
     if len(found) == 1:
         return found[0]
-    what = f"may be {' or '.join(found)}" if found else f"is not there: known are {', '.join(known)}"
+    what = f"may be {' or '.join(found)}" if found else f"is unknown; expected {', '.join(known)}"
     raise ParameterError(where, f"{field!r} {what}")
 
 

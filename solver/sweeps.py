@@ -244,12 +244,12 @@ class _Grid:
         self.fields = [full_name(self._parts, field, "axes") for field in axes]
         self._given: list[Any] = list(axes.values())
         self._values = [list(map(plain, plain(given))) for given in self._given]
-        require(len(set(self.fields)) == len(self.fields), "axes", "name a field twice")
+        require(len(set(self.fields)) == len(self.fields), "axes", "must not name a field twice")
         for field, values in zip(self.fields, self._values, strict=True):
             require(len(values) > 0, f"axes.{field}", "must have values")
         count = math.prod(map(len, self._values))
         amounts = Amount(MOST_POINTS, "", WHOLE_DIGITS), Amount(count, "", WHOLE_DIGITS)
-        require(count <= MOST_POINTS, "axes", "must make {} points at most, got {}", *amounts)
+        require(count <= MOST_POINTS, "axes", "must make at most {} points, got {}", *amounts)
 
     def strikes(self) -> list[dict[str, Any]]:
         """Return the parts of every strike; the last axis varies fastest."""

@@ -154,7 +154,7 @@ class Trajectory:
             If the run has no history.
         """
         if self.history is None:
-            raise ParameterError("sample_interval", "must be given for a history, which these columns are of")
+            raise ParameterError("sample_interval", "must be given: without a history there are no columns")
         return self.history.columns()
 
     def to_dataframe(self) -> DataFrame:

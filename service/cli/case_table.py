@@ -234,7 +234,7 @@ def _columns(table: Table, fields: Sequence[str], keep: Collection[str]) -> list
     if unknown:
         more = f" and {len(unknown) - MAX_COLUMNS} more" if len(unknown) > MAX_COLUMNS else ""
         text = f"{table.path}:{table.header_line}: column {'; column '.join(unknown[:MAX_COLUMNS])}{more}"
-        raise UnknownColumnsError(f"{text}; --keep HEADER carries a column to the output alone", fields)
+        raise UnknownColumnsError(f"{text}; --keep HEADER only copies a column to the output", fields)
     return columns
 
 

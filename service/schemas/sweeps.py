@@ -256,7 +256,7 @@ def check_field(model: type[BaseModel], base: dict[str, Any], path: Sequence[str
         if name not in node.get("properties", {}):
             raise LookupError(f"is no field of the request{_reason(schema, '.'.join(path))}")
         if not isinstance(given, dict):
-            raise LookupError(f"is not there: the part that has {name!r} is no object in the base")
+            raise LookupError(f"is not there: the part that has {name!r} is not an object in the base")
         node, given = node["properties"][name], given.get(name) or {}
     if _resolved(schema, node).get("type") not in {"number", "integer"}:
         raise LookupError("is no number")
@@ -292,5 +292,5 @@ def _variant(schema: dict[str, Any], node: dict[str, Any], given: Any) -> dict[s
     name, mapping = node["discriminator"]["propertyName"], node["discriminator"]["mapping"]
     tag = given.get(name) if isinstance(given, dict) else None
     if not isinstance(tag, str) or tag not in mapping:
-        raise LookupError(f"is not known: the base has to say by {name!r} which of {', '.join(mapping)} it is")
+        raise LookupError(f"cannot be checked: set {name!r} in the base to one of {', '.join(mapping)}")
     return _resolved(schema, {"$ref": mapping[tag]})

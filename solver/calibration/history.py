@@ -55,7 +55,7 @@ class MotionHistory(ComparedByFields):
             if getattr(self, each.name) is not None:
                 object.__setattr__(self, each.name, _column(each.name, getattr(self, each.name)))
         rows = len(self.time)
-        require(rows >= 2, "history.time", f"must hold at least 2 rows, for one leaves nothing to fit, got {rows}")
+        require(rows >= 2, "history.time", f"must hold at least 2 rows, since one leaves nothing to fit, got {rows}")
         require(bool(self.columns), "history", "must hold depth displacement, lateral displacement or rotation")
         require(self.time[0] >= 0.0, "history.time.0", f"must be at least 0, first contact, got {self.time[0]:g}")
         steps = np.diff(self.time)

@@ -17,7 +17,7 @@ SearchMethod: TypeAlias = Literal["outcome", "bisection", "secant"]
 
 
 class SearchStatus(StrEnum):
-    """Status of a search: whether it found an angle, or else why not."""
+    """Status of a search: an angle was found, or the reason why none was."""
 
     CONVERGED = "converged"
     NO_RICOCHET = "no_ricochet"

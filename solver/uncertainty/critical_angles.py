@@ -125,7 +125,7 @@ class AngleStudy:
         fits = angles.ndim == 1 and 1 <= angles.size <= MOST_ANGLES
         require(fits, "oblique_angles", f"must hold 1 to {MOST_ANGLES} angles")
         rising = bool(np.isfinite(angles).all() and (np.diff(angles) > 0.0).all())
-        require(rising, "oblique_angles", "must be finite and rise")
+        require(rising, "oblique_angles", "must be finite and increasing")
         self.design = Design(uncertain, sampling, swings=sensitivity)
         self.angles = angles
         self.sampling = sampling

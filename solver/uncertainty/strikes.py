@@ -180,7 +180,7 @@ class SampledStrike:
             known = (
                 list(holder) if holder is not None else [each.name for each in fields(part)] if is_part(part) else []
             )
-            require(name in known, field, f"{uncertain.field!r} is not there: known are {', '.join(known) or 'none'}")
+            require(name in known, field, f"{uncertain.field!r} is unknown; expected {', '.join(known) or 'none'}")
             part = holder[name] if holder is not None else getattr(part, name)
         discrete = isinstance(uncertain.distribution, Discrete)
         number = part is None or (isinstance(part, float | int) and not isinstance(part, bool))

@@ -66,5 +66,5 @@ def test_tls_at_a_trusted_proxy_is_tls(proxied: ProxiedService) -> None:
 @pytest.mark.parametrize("proxies", ["*", "proxy.example.org", "10.0.0.1/8", "127.0.0.1,"])
 def test_proxies_are_addresses_or_networks(monkeypatch: pytest.MonkeyPatch, proxies: str) -> None:
     monkeypatch.setenv("RICOCHET_TRUSTED_PROXIES", proxies)
-    with pytest.raises(ValidationError, match="is no address or network"):
+    with pytest.raises(ValidationError, match="is not an address or a network"):
         Settings()

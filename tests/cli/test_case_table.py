@@ -101,7 +101,7 @@ def test_usual_spellings_of_headers_are_accepted(served: Path, capsys: pytest.Ca
                 "'velocty_m_s': is no field of a case, did you mean impact.velocity_m_s?; column 'colour'",
                 "column 'speed (furlong)': unknown unit of impact.velocity_m_s, known are m_s, km_s",
                 "column 'weight' gives projectile.mass_kg as 'mass' does",
-                "--keep HEADER carries a column to the output alone",
+                "--keep HEADER only copies a column to the output",
                 "\nfields of a case: custom_id, impact.angle_of_attack_deg, ",
             ],
         ),

@@ -390,7 +390,7 @@ def test_uncertain_inputs_have_the_short_names_of_axes() -> None:
 @pytest.mark.parametrize(
     ("field", "words"),
     [
-        ("speed", "uncertain.0.field: 'speed' is not there: known are projectile.nose"),
+        ("speed", "uncertain.0.field: 'speed' is unknown; expected projectile.nose"),
         ("oblique_angle", "uncertain.0.field: is what a search varies"),
         ("length", "'length' may be projectile.length or projectile.boat_tail.length"),
     ],

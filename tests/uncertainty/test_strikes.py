@@ -220,7 +220,7 @@ def test_wall_is_perforated_with_a_probability_and_a_residual_speed() -> None:
 @pytest.mark.parametrize(
     ("field", "requirement"),
     [
-        ("impact.speed", "is not there: known are velocity"),
+        ("impact.speed", "is unknown; expected velocity"),
         ("target", "is no number"),
         ("projectile.nose", "is no number"),
         ("weather", "is not there"),
