@@ -46,7 +46,7 @@ ROBUSTNESS = (
     "tests/supply/",
 )
 """Tests of faults, attacks, the supply chain, the image, the compiled code and the page in a browser. Few changes
-concern them, so they run by `make test-robustness` and in CI, not by `make test`."""
+affect them, so `make test-robustness` and CI run them, and `make test` does not."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -152,7 +152,7 @@ def live_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 def hurried_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Address of a service that ends queries after 2 s and turns a study of more than 300 samples into a job.
 
-    Queries wait up to 100 s for a worker, so that tests with few requests are not answered with 503.
+    Queries wait up to 100 s for a worker, so a test that sends few of them at a time never receives 503.
     """
     with running_service(
         tmp_path_factory.mktemp("hurried"), task_seconds="2", small_samples="300", queue_seconds="100"

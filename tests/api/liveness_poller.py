@@ -1,6 +1,7 @@
-"""Request /livez every 10 ms until standard input closes; print the number of answers and the longest time [ms].
+"""Script: request /livez every 10 ms until standard input closes.
 
-It runs in a separate process, so that the load of the test does not affect its measurements.
+It prints the number of answers and the longest response time [ms]. It runs in a separate process, so the load of the
+test does not affect its measurements.
 """
 
 import http.client

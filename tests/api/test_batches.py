@@ -1,4 +1,4 @@
-"""Batches over HTTP: JSON and JSON lines as bodies and answers, and refusals."""
+"""Batches over HTTP: JSON and JSON lines in requests and answers, and refusals."""
 
 import json
 from typing import Any

@@ -37,7 +37,7 @@ def run(number: int, **numerics: Any) -> dict[str, Any]:
 
 @contextmanager
 def sent(url: str, path: str, bodies: Sequence[dict[str, Any]], address: str) -> Iterator[list[socket.socket]]:
-    """Send each body on a connection of its own from this address; return the connections without reading answers."""
+    """Send each body on its own connection from this address; yield the connections, with all answers still unread."""
     with ExitStack() as open_:
         ends = []
         for content in bodies:

@@ -168,7 +168,7 @@ def answers(client: httpx.Client) -> Iterator[tuple[str, str]]:
 
 
 def files(found: Mapping[str, str]) -> dict[str, str]:
-    """Return the text of each file, which has the answers of a route; repeated answers refer to the first of them."""
+    """Return the text of each file, one for each route; repeated answers refer to the first of them."""
     by_route = groupby(sorted(found, key=route), key=route)
     texts = {}
     for name, group in by_route:

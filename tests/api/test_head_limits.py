@@ -45,7 +45,7 @@ VALUES: dict[str, Callable[[int], bytes]] = {
     "ranges": lambda size: b"bytes=" + b"0-1," * (size // 4),
     "percent signs": lambda size: b"%" * size,
 }
-"""Functions that return a header value of about the given size, each hard to parse in its own way. [bytes]"""
+"""Functions that return a header value of about the given size in bytes, each hard to parse in its own way."""
 REFUSED = {400, 403, 404, 405, 406, 415, 416, 417, 421, 422}
 
 

@@ -80,7 +80,7 @@ def test_pages_contain_every_result_once(
 
 
 def test_pages_of_jobs_contain_every_job_once(client: httpx.Client) -> None:
-    """This holds even if jobs are submitted and deleted between the requests of two pages."""
+    """This holds even if jobs are submitted and deleted between the requests for two pages."""
     made = [client.post("/cra/batch", json={"cases": searches(1)}, headers=ASYNC).json()["id"] for _ in range(5)]
     page = client.get("/jobs", params={"limit": 2}).json()
     client.delete(f"/jobs/{made[3]}")

@@ -70,7 +70,7 @@ def key_of(model: type[TrajectoryRequest | CriticalAngleRequest], body: dict[str
 
 
 def leaves(value: Any) -> Iterator[tuple[Any, Any]]:
-    """Yield every container and index whose value is not a container."""
+    """Yield the container and the index of each value that is not itself a container."""
     for index, item in value.items() if isinstance(value, dict) else enumerate(value):
         if isinstance(item, dict | list):
             yield from leaves(item)
@@ -88,7 +88,7 @@ def shuffled(value: Any, order: random.Random) -> Any:
 
 
 def rewritten(value: Any) -> Any:
-    """Return an equal value in other notation: whole floats as integers and back, and zeros with the other sign."""
+    """Return an equal value in which whole floats and integers are interchanged, and zeros have the other sign."""
     if isinstance(value, dict):
         return {name: rewritten(item) for name, item in value.items()}
     if isinstance(value, list):

@@ -194,7 +194,7 @@ def test_expected_wait_follows_from_the_cost_of_cases_until_a_rate_is_measured(
 
 
 def test_idle_time_does_not_lower_a_rate() -> None:
-    """Otherwise a service that is idle most of the time would announce minutes for a job of seconds."""
+    """Otherwise a service that is idle most of the time would announce minutes for a job that takes seconds."""
     now = 100.0
     rate = Rate(lambda: 1, clock=lambda: now)
     now += 60.0

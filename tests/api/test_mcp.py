@@ -42,7 +42,7 @@ class Conversation(NamedTuple):
 
 
 def converse(server: Any, *calls: tuple[str, dict[str, Any]], mode: str = "auto") -> Conversation:
-    """List the tools, then call some; the client validates results by the schemas in the list."""
+    """List the tools, then call some; the client validates results against the schemas in the list."""
 
     async def run() -> Conversation:
         async with Client(server, mode=mode) as client:
@@ -54,7 +54,7 @@ def converse(server: Any, *calls: tuple[str, dict[str, Any]], mode: str = "auto"
 
 @asynccontextmanager
 async def over_http(url: str, token: str | None = None) -> AsyncIterator[Any]:
-    """Connect to the MCP endpoint of a service; return the streams for a client."""
+    """Connect to the MCP endpoint of a service; yield the streams for a client."""
     headers = bearer(token) if token else {}
     async with (
         httpx2.AsyncClient(headers=headers, timeout=180.0, trust_env=False) as http,
@@ -344,7 +344,7 @@ def test_too_long_message_is_refused(client: httpx.Client) -> None:
 
 
 def test_client_that_disconnects_while_sending_causes_no_failure(dedicated_service: Service) -> None:
-    """A client that disconnects while it sends a body causes no traceback in the log, whatever the route."""
+    """The fixture checks that the log has no traceback."""
     port = int(dedicated_service.url.rpartition(":")[2])
     paths = ["/mcp", "/umbridge/Evaluate", "/cra", "/cra/batch", "/cra/sweep", "/calibration/depth", "/verdict"]
     for path in paths:

@@ -98,7 +98,7 @@ def test_imported_modules_exist(name: str) -> None:
 
 def test_no_file_names_another_host() -> None:
     for name in FILES:
-        text = (FOLDER / name).read_text("utf-8").replace('"http://www.w3.org/2000/svg"', "SVG")  # This is a name.
+        text = (FOLDER / name).read_text("utf-8").replace('"http://www.w3.org/2000/svg"', "SVG")  # This is only a name.
         assert not re.search(r"https?://|[\"'`]//", text), name
 
 

@@ -30,7 +30,7 @@ SHORT = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.05}, "custom
 
 
 def written(client: httpx.Client, path: str, body: Any, folder: Path) -> tuple[Path, list[dict[str, str]]]:
-    """Run a job; return its results as a Parquet file, and as rows of CSV without the columns of the base."""
+    """Run a job; return its results as a Parquet file, and as rows of CSV without the fields of the base case."""
     text = lines(body) if isinstance(body, list) else json.dumps(body)
     headers = ASYNC | (LINES if isinstance(body, list) else {"Content-Type": "application/json"})
     job = finished(client, client.post(path, content=text, headers=headers).raise_for_status().json())
@@ -44,7 +44,7 @@ def written(client: httpx.Client, path: str, body: Any, folder: Path) -> tuple[P
 
 
 def in_base(name: str) -> bool:
-    """Return whether a column holds a field of the base of a sweep, which Parquet stores in its metadata instead."""
+    """Return whether a column has a field of the base case of a sweep, which a Parquet file has in its metadata."""
     return "." in name and name not in (STRENGTH, MASS)
 
 

@@ -1,4 +1,4 @@
-"""Headers with the address of the client count only if they come from a proxy in the settings."""
+"""Headers that name the address of the client are trusted only if they come from a proxy in the settings."""
 
 import json
 from collections.abc import Iterator
@@ -45,7 +45,7 @@ def proxied(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) ->
 
 
 def test_client_is_the_last_address_that_a_trusted_proxy_names(proxied: ProxiedService) -> None:
-    """A client on another machine needs a key, although the proxy is on this one."""
+    """A client on another machine needs a key, although the proxy is on this machine."""
     answer, entry = proxied.post(PROXY, X_Forwarded_For=f"{OTHER}, {CLIENT}")
     assert (answer.status_code, entry["client"]) == (401, CLIENT)
     answer, entry = proxied.post(PROXY, X_Forwarded_For=OTHER)

@@ -1,4 +1,4 @@
-"""Common clients receive a refusal sent before they have sent the whole body, directly or through a proxy."""
+"""Common HTTP clients receive a refusal that arrives while they still send the body, directly or through a proxy."""
 
 import json
 import shutil

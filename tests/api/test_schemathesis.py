@@ -59,10 +59,10 @@ def test_service_keeps_its_contract_for_any_request(
     (tmp_path / "contract.json").write_text(json.dumps(with_nulls(contract)), encoding="utf-8")
     command = [str(Path(sys.executable).with_name("schemathesis")), "run", "contract.json", "--url", hurried_url]
     command += ["--max-time", str(seconds), "--max-examples", "50", "--workers", "2", "--generation-deterministic"]
-    # A request that fits the schema may still be refused, such as a nose longer than its body (422).
+    # A request that fits the schema may still be refused, such as one with a nose longer than its body (422).
     command += ["--checks", "all", "--exclude-checks", "positive_data_acceptance", "--max-response-time", "120"]
     command += ["--continue-on-failure", "--no-color", "--request-timeout", "120", f"--{option}-path-regex", paths]
-    if option == "include":  # Their links lead to paths that the pattern leaves out, so links are not followed.
+    if option == "include":  # Links lead to paths that the pattern leaves out, so none is followed.
         command += ["--phases", "examples,coverage,fuzzing"]
     environment = os.environ | {"NO_PROXY": "*"}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)

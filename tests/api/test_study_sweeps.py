@@ -1,4 +1,4 @@
-"""Sweeps and batches of uncertainty studies, and distributions about the value of the case."""
+"""Sweeps and batches of uncertainty studies, and distributions whose centre is the value in the case."""
 
 import time
 from pathlib import Path
@@ -28,7 +28,7 @@ STRIKES = "/trajectory/uncertainty"
 
 
 def at(velocity: float, angle: float) -> dict[str, Any]:
-    """Return the study of one cell."""
+    """Return the study of one cell of a sweep."""
     return BASE | {"impact": {"velocity_m_s": velocity, "oblique_angle_deg": angle}}
 
 
@@ -122,7 +122,7 @@ def test_sweep_with_too_many_samples_for_an_immediate_answer_becomes_a_job(clien
     axis = {"field": "impact.velocity_m_s", "start": 230.0, "stop": 240.0, "count": 65}
     response = client.post(f"{STRIKES}/sweep", json={"base": seeded(BASE, 32), "axes": [axis]})
     assert response.status_code == 202
-    assert response.json()["queue"]["remaining_s"] > 10  # Computing 65 ordinary cases would take a second.
+    assert response.json()["queue"]["remaining_s"] > 10  # As ordinary cases, the 65 studies would take a second.
     client.post(response.json()["links"]["cancel"])
 
 

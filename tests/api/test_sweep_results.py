@@ -1,4 +1,4 @@
-"""Every format of sweep results has the values of the axes, and the job has the request."""
+"""Every format of sweep results has the values of the axes, and the job contains the request."""
 
 import csv
 import io
@@ -32,7 +32,7 @@ def results(client: httpx.Client, job: dict[str, Any], accept: str) -> bytes:
 
 
 def table(text: str) -> tuple[dict[str, str], list[dict[str, str]]]:
-    """Read CSV; return the columns of the base, which must be equal in all rows, and the rows."""
+    """Read CSV; return the fields of the base case, which must be equal in all rows, and the rows."""
     rows = list(csv.DictReader(io.StringIO(text)))
     bases = [{name: cell for name, cell in row.items() if "." in name and name not in FIELDS} for row in rows]
     assert all(base == bases[0] for base in bases)

@@ -12,7 +12,7 @@ import pytest
 
 from tests.docs.blocks import blocks
 
-pytestmark = pytest.mark.system  # The default run tests the generated Python client.
+pytestmark = pytest.mark.system  # In the default run, only the Python client is tested.
 
 ROOT = Path(__file__).parents[2]
 CONTRACT = ROOT / "openapi" / "openapi.json"

@@ -136,7 +136,7 @@ def test_endless_request_head_is_refused(live_url: str, start: bytes) -> None:
                 connection.sendall(piece)
                 sent += len(piece)
                 time.sleep(0.0005)
-    assert LONGEST_HEAD <= sent < 50 * LONGEST_HEAD  # The kernel buffers some bytes.
+    assert LONGEST_HEAD <= sent < 50 * LONGEST_HEAD
 
 
 def test_request_in_one_segment_with_the_end_of_a_long_body_is_answered(live_url: str) -> None:
@@ -225,7 +225,7 @@ public class Post {
 def test_java_client_with_default_settings_can_post(url: str, tmp_path: Path) -> None:
     (tmp_path / "body").write_bytes(BODY)
     (tmp_path / "Post.java").write_text(JAVA)
-    found("javac")  # `java` compiles a source file itself if a compiler is installed.
+    found("javac")  # `java` needs the compiler to run a source file.
     command = [found("java"), str(tmp_path / "Post.java"), url, str(tmp_path / "body")]
     told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout
     assert [angle_in((200, line.encode())) for line in told.splitlines()] == [ANGLE] * 3

@@ -34,7 +34,7 @@ def faults() -> list[str]:
 
 @pytest.fixture
 def new_page(browser: Browser, live_url: str, faults: list[str]) -> Iterator[NewPage]:
-    """Return a function that opens a page in a new browser session, and record its errors until the test ends.
+    """Return a function that opens a page in a new browser session and records its errors until the test ends.
 
     A new page is blank; `page.goto("/")` opens the service.
     """

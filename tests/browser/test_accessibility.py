@@ -28,7 +28,7 @@ def job(client: httpx.Client) -> None:
 def violations(page: Page) -> list[str]:
     """Return the violations that axe reports as serious or critical.
 
-    Its script is evaluated by the browser, so the Content Security Policy of the page need not be relaxed.
+    The browser evaluates the script of axe, so the Content Security Policy of the page need not be relaxed.
     """
     found: list[dict[str, Any]] = Axe().run(page, options=OPTIONS).response["violations"]
     return [

@@ -281,7 +281,7 @@ def test_no_field_shows_the_unit_1(page: Page) -> None:
 
 
 def test_hidden_histories_are_drawn_after_the_inputs_have_settled(page: Page) -> None:
-    """Histories take longer to draw than all other parts of the view. Visible ones are drawn at once."""
+    """Histories take longer to draw than all other parts of the view. Visible ones are drawn without that delay."""
     later = """() => {
         const [side, histories] = ['side view', 'histories'].map(
             (part) => performance.getEntriesByName(`ricochet: ${part}`),

@@ -54,7 +54,7 @@ def test_first_picture_needs_at_most_a_quarter_of_a_megabyte(page: Page) -> None
     session.send("Network.enable")
     sizes: list[float] = []
     session.on("Network.loadingFinished", lambda event: sizes.append(event["encodedDataLength"]))
-    throttle(session, SLOW_BYTES_PER_S)  # On this line, files requested later also arrive later.
+    throttle(session, SLOW_BYTES_PER_S)  # Files that are not needed yet arrive later.
     page.goto("/", wait_until="commit")
     page.locator(READY).wait_for()
     assert sum(sizes) <= 250_000
@@ -140,7 +140,7 @@ def test_layout_does_not_shift_while_the_page_loads(new_page: NewPage, width: in
         page.route(f"**/{late}", lambda route: route.continue_() if held else held.append(route))
     page.goto("/")
     if late:
-        page.wait_for_timeout(2000.0)  # The others arrive meanwhile, where nothing else keeps the processor busy.
+        page.wait_for_timeout(2000.0)  # On an idle machine the other answers arrive meanwhile.
         held[0].continue_()
     page.wait_for_function(IDLE)
     expect(page.get_by_label("Spread", exact=True)).to_contain_text("usual scatter")

@@ -147,7 +147,7 @@ def test_study_of_the_usual_scatter_is_computed_once(page: Page, client: httpx.C
     study = client.get(f"/results/{verdict['keys']['uncertainty']}").json()
     sampling = client.get("/openapi.json").json()["components"]["schemas"]["SamplingSettings"]["properties"]
     is_enough = study["convergence"]["half_width"][-1] <= sampling["half_width"]["x-default"]
-    # The study of the verdict is shown; more samples are computed only where its sampling error is too large.
+    # The study of the verdict is shown; more samples are computed only if its sampling error is too large.
     assert [body["uncertain"] for body in asked] == ([] if is_enough else [verdict["usual_scatter"]])
     if is_enough:
         assert drawn(page)[2] == study["probability"]["ricochet_probability"]
@@ -155,7 +155,7 @@ def test_study_of_the_usual_scatter_is_computed_once(page: Page, client: httpx.C
 
 def test_invalid_distributions_are_marked_at_their_fields(page: Page, faults: list[str]) -> None:
     page.goto("/#/how-sure")
-    # The verdict brings the usual scatter of the case, which fills in the fields anew.
+    # The answer to the verdict contains the usual scatter of the case, which overwrites the fields.
     expect(page.get_by_role("region", name="Verdict")).to_contain_text("90 % range")
     dispersion = page.get_by_role("group", name="Compressive strength").get_by_label("Dispersion")
     dispersion.fill("-0.12")

@@ -112,7 +112,7 @@ def test_legend_has_the_colours_of_the_outcomes_and_marks_hide_no_numbers(page: 
             return [each.textContent.split(' ')[0], mark && getComputedStyle(mark).fill];
         }))"""
     )
-    expect(page.locator(".map .scatterlayer path.point")).to_have_count(1)  # This is the star.
+    expect(page.locator(".map .scatterlayer path.point")).to_have_count(1)  # the star at the case
     picture = Image.open(io.BytesIO(page.locator(".map .nsewdrag").screenshot())).convert("RGB")
     for ending, across in (("embedded", 0.02), ("ricochet", 0.98)):
         colour = picture.getpixel((round(across * picture.width), round(0.9 * picture.height)))
@@ -125,7 +125,7 @@ BAND = "90 % range of the usual scatter"
 
 
 def trace(page: Page, name: str) -> dict[str, Any]:
-    """Return the trace of a map with a name in the legend."""
+    """Return the trace of a map with this name in the legend."""
     found: list[dict[str, Any]] = page.locator(".map .drawing").evaluate(
         """(plot, name) => plot.data.filter((each) => each.name === name).map(({ x, y, z, visible }) =>
             ({ x: [...x], y: [...y], z: z && z.map((row) => [...row]), visible }))""",

@@ -49,7 +49,8 @@ BROKEN = """() => {
         if (!texts.currentNode.parentElement.closest('svg, pre')) found.push(texts.currentNode.data);
     return found.filter((text) => /\\d (%|°|kg|m\\/s|([km]?m|m?s|[MG]?Pa|k?N|k?J|in|ft|[pk]si)\\b)/.test(text));
 }"""
-"""Texts in which a line may break between a number and its unit, except in pictures and in code to copy."""
+"""Script that returns the texts in which a line may break between a number and its unit, except in pictures and in code
+to copy."""
 
 
 @pytest.mark.parametrize("view", ["explore", "critical-angle", "how-sure", "walls"])

@@ -1,4 +1,4 @@
-"""Every unmarked number in a view belongs to the inputs shown, sampled every 20 ms while a field changes."""
+"""Every unmarked number in a view belongs to the inputs shown, as checked every 20 ms while a field changes."""
 
 from collections.abc import Callable
 

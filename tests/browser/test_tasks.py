@@ -128,7 +128,7 @@ def test_comparison_of_two_strikes_takes_at_most_three_actions(explore: Page, ac
 def test_spread_for_ten_per_cent_in_the_strength_factor_takes_at_most_two_actions(explore: Page, act: Actions) -> None:
     act.click(explore.get_by_role("link", name="How sure, input by input"))
     factor = explore.get_by_role("group", name="Factor on the strength factor")
-    with explore.expect_request(lambda request: request.url.endswith("/cra/uncertainty")):  # No click.
+    with explore.expect_request(lambda request: request.url.endswith("/cra/uncertainty")):  # No click is needed.
         act.fill(factor.get_by_label("Scale"), "0.1")
     expect(explore.locator("#study-progress")).to_have_text("Done.")
     expect(explore.locator(".range")).to_have_text(re.compile(r"\d"))

@@ -258,7 +258,7 @@ def test_jobs_can_be_listed_shown_cancelled_and_deleted(
 def test_batch_waits_for_the_end_of_a_job_whose_results_are_complete(
     folder: Path, live_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The last result can be read shortly before the status changes to successful; here the old status is simulated."""
+    """The last result can be read shortly before the status changes to successful, which is simulated here."""
     asked = Client.job
     ended: list[dict[str, Any]] = []
 

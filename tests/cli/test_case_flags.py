@@ -152,7 +152,7 @@ def test_completion_script_of_each_shell_calls_the_command(capsys: pytest.Captur
 
 
 def nodes_at(schema: dict[str, Any], steps: tuple[str, ...]) -> dict[str, dict[str, Any]]:
-    """Return the schema of a field for each variant of its part that has it; the key is empty without variants."""
+    """Return the schema of a field for each variant of its part that has the field; without variants the key is ""."""
 
     def resolved(node: dict[str, Any]) -> dict[str, Any]:
         while "$ref" in node:

@@ -60,7 +60,7 @@ POINTS_CSV = "oblique_angle_deg,strength_factor\n0,8.52\n15,8.25\n30,7.91\n45,6.
 
 
 def test_operations_of_batches_are_those_with_routes_for_them() -> None:
-    """The list is written out, because the table of operations is slow to import."""
+    """The list `MANY` is written out, because the table of operations is slow to import."""
     assert set(MANY) == {name for name, operation in OPERATIONS.items() if operation.many is not None}
 
 

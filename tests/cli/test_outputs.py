@@ -72,7 +72,7 @@ WRITTEN = (
     Written("out.toml", "init", ()),
     Written("out.csv", "init --table", ()),
 )
-"""Every command that writes a file, once for each of its flags that do so."""
+"""Every command that writes a file, once for each flag or argument that names one."""
 REPLACED = [each for each in WRITTEN if not each.words.startswith(("init", "jobs"))]
 """Commands that may replace an existing file, and need no service."""
 REFUSED = ("--mass", "-1")

@@ -1,4 +1,4 @@
-"""The recipes of the manual for clients by hey-api and models by datamodel-code-generator work."""
+"""The recipes of the manual for clients made by hey-api and models made by datamodel-code-generator work."""
 
 import os
 import re

@@ -39,7 +39,7 @@ def skip_unless_possible() -> None:
 
 
 def base_root(image: str, folder: Path) -> Path:
-    """Make a root folder like the base image or copy that of CLEAN_ROOT, and add Python in /usr/local."""
+    """Make a root folder like the base image, or copy the one that CLEAN_ROOT names, and add Python in /usr/local."""
     release, version = RELEASES[image]
     root = folder / "base"
     if ready := os.environ.get("CLEAN_ROOT"):
@@ -108,7 +108,7 @@ class Container:
                 shutil.copy2(found, place)
 
     def inside(self, path: str) -> Path:
-        """Return the path on this machine of a path in the root folder."""
+        """Return the path, on this machine, of a path inside the root folder."""
         return self.root / Path(self.folder, path).relative_to("/")
 
 

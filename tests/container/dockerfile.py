@@ -21,7 +21,7 @@ class Step:
     text: str
 
     def assignments(self) -> dict[str, str]:
-        """Return the variables of an ENV, an ARG (with its default) or a LABEL."""
+        """Return the names and values that an ENV, a LABEL or an ARG with a default sets."""
         return dict(word.split("=", 1) for word in shlex.split(self.text))
 
     def command(self) -> list[str]:

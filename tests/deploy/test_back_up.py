@@ -1,4 +1,4 @@
-"""Keys, jobs and results survive a backup by deploy/back-up.sh and a restore by the commands of the manual."""
+"""Keys, jobs and results survive a backup by deploy/back-up.sh and a restore with the commands in the manual."""
 
 import os
 import pwd

@@ -21,7 +21,7 @@ QUICK = {
     "startup": ["--quick"],
     "work_precision": ["--quick"],
 }
-"""Arguments of each benchmark with which it takes only seconds, by the name of its script."""
+"""Arguments with which each benchmark takes only seconds, by the name of its script."""
 LONGEST = {"cluster", "growth", "scaling", "slider"}
 
 

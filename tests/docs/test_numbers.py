@@ -56,7 +56,7 @@ def angle(
     resistance: Resistance = PLAIN,
     retention: float = 0.01,
 ) -> float:
-    """Return a critical angle of the paper's strike, with changes. [°]"""
+    """Return the critical angle of the paper's strike, with changes. [°]"""
     found = critical_angle(
         projectile=projectile,
         target=target,

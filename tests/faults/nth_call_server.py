@@ -1,8 +1,8 @@
 """Run services as forks of a process that has imported everything, so that a start takes a tenth of a second.
 
-Each JSON line on standard input starts a service. It has the data folder, the port, the log file, the file
+Each JSON line on standard input starts a service. The line contains the data folder, the port, the log file, the file
 `count`, the number of the call that is to fail, and the fault. For each service two lines are printed: its process id
-and, after its end, its exit status. Unless it was killed, it writes the number of its calls to `count` as it ends.
+and, after its end, its exit status. A service that ends without being killed writes the number of its calls to `count`.
 """
 
 import ctypes
@@ -41,7 +41,7 @@ def serve(order: dict[str, Any]) -> int:
         Server(create_app(settings), settings).run()
     except SystemExit:
         pass
-    except (UnusableFolderError, ExecutorError, OSError) as error:  # `ricochet serve` does the same.
+    except (UnusableFolderError, ExecutorError, OSError) as error:  # `ricochet serve` catches the same errors.
         logging.getLogger(__name__).warning("not started: %s", error)
         status = NOT_STARTED
     library.nth_call_count.restype = ctypes.c_long

@@ -60,7 +60,10 @@ def check_job_on_full_disk(server: RestartableServer, job: dict[str, Any]) -> No
 
 
 def check_service_on_full_disk(server: RestartableServer, job: dict[str, Any], number: int) -> None:
-    """Check that a query, /livez and CSV are answered and a new job is refused with 507; either may happen to HDF5."""
+    """Check that a query, /livez and CSV are answered, and that a new job is refused with 507.
+
+    HDF5, which is written to a file first, may be answered or refused.
+    """
     client = server.client
     refused = client.post("/cra/batch", content=jsonl(searches(CASES, first=500_000)), headers={"Content-Type": JSONL})
     assert refused.status_code == 507

@@ -39,7 +39,8 @@ CASE: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
 """The paper's projectile and concrete, as arguments of solver functions."""
 LI_CHEN = Projectile(nose=Ogive(caliber_radius_head=2.0), diameter=0.0269, length=0.242, mass=0.906)
 LI_CHEN_TARGET = Target(compressive_strength=35.2e6, density=2370.0)
-"""Target of an experiment by Forrestal et al. (1994): 173 mm at 277 m/s. Li and Chen (2003) calculate with S = 12."""
+"""Target of an experiment by Forrestal et al. (1994), with a depth of 173 mm at 277 m/s. Li and Chen (2003)
+calculate with S = 12."""
 STEEL = 7850.0
 """Density of steel. [kg/m³]"""
 DIAMETER = 0.08
@@ -86,8 +87,9 @@ def power(motion: Motion[FloatArray]) -> FloatArray:
 
 
 def assert_work_is_the_energy_lost(motion: Motion[FloatArray], *, rel: float) -> None:
-    """Check that the work of the resistance equals the energy lost; energy may rise by 10⁻⁶ of its initial value per
-    sample.
+    """Check that the work of the resistance equals the energy lost, within the relative tolerance `rel`.
+
+    From one sample to the next the energy may rise by 10⁻⁶ of its initial value.
     """
     energy = motion.kinetic_energy
     assert np.trapezoid(power(motion), motion.time) == pytest.approx(energy[-1] - energy[0], rel=rel)

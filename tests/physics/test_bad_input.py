@@ -321,7 +321,7 @@ def test_bounds_equal_the_bounds_in_the_contract() -> None:
                 ends = {each: described[each] for each in described if "imum" in each.lower()}
                 low, high = "exclusiveMinimum" if bound.above else "minimum", "maximum"
                 assert ends == {low: bound.lower, "exclusiveMaximum" if bound.below else high: bound.upper}, path
-                assert (shown_in(f"{part}.{field}") or bound.unit) == bound.unit, path  # fractions have none
+                assert (shown_in(f"{part}.{field}") or bound.unit) == bound.unit, path  # fractions have no unit
                 found += 1
     assert found == len([path for path in BOUNDS if path.count(".") == 1])
 

@@ -120,7 +120,7 @@ def test_moment_in_a_beam_struck_at_its_end_equals_the_closed_form(route: str) -
 
 @pytest.mark.parametrize("factor", [0.25, 4.0])
 def test_stress_scales_with_strength_and_the_square_of_the_speed(factor: float) -> None:
-    """The path does not change when strength, modulus and the square of the speed are multiplied by one factor."""
+    """The path does not change when strength, modulus and the square of the speed are multiplied by the same factor."""
     resistance = Resistance(strength_factor=ConstantStrengthFactor(value=8.5))
     target = replace(PAPER_TARGET, youngs_modulus=30e9)
     scaled = replace(

@@ -75,7 +75,7 @@ def test_each_quantity_alone_determines_the_strength_factor(quantity: str) -> No
 
 
 def covered(trials: int) -> int:
-    """Fit motions with a random S from 5 to 12 and white noise of 1 mm and 0.5°; count 95 % intervals with S inside."""
+    """Fit motions with random S from 5 to 12 and white noise of 1 mm and 0.5°; count 95 % intervals that contain S."""
     random, hits = np.random.default_rng(20180628), 0
     for trial in range(trials):
         angle, strength_factor = ANGLES[trial % 3], random.uniform(5.0, 12.0)

@@ -361,7 +361,7 @@ def test_process_that_cannot_compile_is_reported(monkeypatch: pytest.MonkeyPatch
 
 @pytest.fixture
 def compiling(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """Function that starts a script with an empty cache, where it compiles the solver; killed after the test."""
+    """Function that starts a script with an empty cache, so it compiles the solver. It is killed after the test."""
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "empty"), "XDG_CACHE_HOME": str(tmp_path / "user")}
     environment |= {"TMPDIR": str(tmp_path)}
     processes: list[subprocess.Popen[str]] = []

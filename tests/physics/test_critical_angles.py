@@ -65,7 +65,7 @@ def find(
     numerics: Numerics | None = None,
     **changes: Any,
 ) -> CriticalAngle:
-    """Search for the critical angle of the paper's strike with some changes, near `around` if given. [°]"""
+    """Search for the critical angle of the paper's strike with changes, near `around` if given; angles in degrees."""
     near: dict[str, Any] = {}
     if around is not None:
         near = {"lower": math.radians(around - half_range), "upper": math.radians(around + half_range)}
@@ -97,8 +97,7 @@ def test_both_routes_find_62_78_degrees_at_400_metres_a_second() -> None:
     """The independent program gave 62.9°, which is 0.02° more than rounding and the tolerance of 0.05° allow.
 
     Instead the methods `adaptive` and `panels`, which share little but the shape of the body, are compared. They agree
-    within 0.02° for steps of the panels of 10, 5 (tested here), 2.5 and 1 µs. All use eq. 9 as printed, not held from
-    60°.
+    within 0.02° for time steps of 10, 5 (tested here), 2.5 and 1 µs. Both use eq. 9 as printed, not held from 60° on.
     """
     printed = Resistance(strength_factor=ObliquityPolynomial(held_from=math.radians(90.0)))
     adaptive = find("bisection", 62.78, numerics=Numerics(method="adaptive"), velocity=400.0, resistance=printed)
@@ -124,7 +123,7 @@ def test_searches_of_the_paper_find_its_angle_within_its_tolerance(method: Liter
 
 
 def test_defaults_find_the_angle_in_the_full_search_range() -> None:
-    """The angle is 48.63 ± 0.02°, which the README and the demonstration print."""
+    """The README and the demonstration print 48.63°."""
     found = critical_angle(**CASE, velocity=PAPER_VELOCITY)
     assert degrees(found) == pytest.approx(48.635, abs=0.015)
     assert found.angle is not None

@@ -30,7 +30,7 @@ A, LENGTH = 0.04, 0.53
 
 @dataclass(frozen=True)
 class Solid:
-    """Closed forms for a solid of revolution: lateral area, ∫r² dx, ∫x r² dx and ∫(x² r² + r⁴/4) dx, from its front."""
+    """Closed forms for a solid of revolution, x from its front: area, ∫r² dx, ∫x r² dx and ∫(x² r² + r⁴/4) dx."""
 
     length: float
     area: float

@@ -125,8 +125,8 @@ def test_li_chen_projectile_stops_at_a_smaller_depth_than_with_a_crater() -> Non
 
     With B = 0 both depths have closed forms, and the depth of this model is less by
     k d / 2 - (nose length - nose volume / area) = 11.05 mm. With B = 1 the speed after the crater is higher, which adds
-    less than a tenth. In the experiment the depth was 173 mm: S = 12 was fitted with
-    the model that has a crater.
+    less than a tenth. In the experiment the depth was 173 mm. The depth of the model with a crater is closer to it,
+    because S = 12 was fitted with that model.
     """
     area = math.pi * LI_CHEN.radius**2
     nose_volume = solid_properties(LI_CHEN).volume - area * (LI_CHEN.length - LI_CHEN.nose_length)

@@ -240,7 +240,7 @@ def test_unexplainable_shot_is_refused_with_the_likely_mistake(shot: Shot, slip:
 
 
 def test_millimetres_given_as_metres_are_recognised() -> None:
-    """A depth of 30 mm is given as 30 m; a number above 100 would be refused by the bound of depths."""
+    """A depth of 30 mm is given as 30 m; a number above 100 would exceed the bound on the depth."""
     body = replace(PAPER_PROJECTILE, diameter=0.005, length=0.033, mass=0.003)
     with pytest.raises(ParameterError, match=r"millimetres given as metres: with a depth of 0\.03 m"):
         OwnTests(shots=(Shot(velocity=300.0, depth=30.0),)).posterior(projectile=body, target=PAPER_TARGET)

@@ -106,7 +106,7 @@ def test_implausible_walls_are_reported(impact: Impact, first: float, speeds: li
 
 
 def test_answers_to_random_strikes_are_plausible() -> None:
-    """The strikes are random, of every kind; `test_blunt_bodies` and `test_route_agreement` check theirs too."""
+    """The strikes are of every kind. `test_blunt_bodies.py` and `test_route_agreement.py` check their strikes, too."""
     for strike in random_strikes(600, 21):
         given = {name: getattr(strike, name) for name in ("projectile", "target", "impact", "resistance")}
         run = simulate(**given, sample_interval=None)
@@ -114,7 +114,7 @@ def test_answers_to_random_strikes_are_plausible() -> None:
 
 
 def test_wall_without_resistance_causes_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An error in the loads once gave walls without resistance, as simulated here."""
+    """An error in the loads once led to walls without resistance; the test reproduces this."""
     lost = PreparedCase.law_at
 
     def without_resistance(case: PreparedCase, impact: Impact) -> object:

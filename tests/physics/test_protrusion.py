@@ -56,7 +56,7 @@ def wall(thickness: float) -> Target:
 def test_greatest_depth_belongs_to_the_deepest_point_of_every_shape(nose: str, degrees: float) -> None:
     """The tolerance is the change of depth within half a sample interval near the maximum.
 
-    The tip is less deep than another point if it is blunt or pushed aside.
+    Another point is deeper than the tip if a blunt nose is tilted, or if the axis is nearly parallel to the face.
     """
     body = replace(PAPER_PROJECTILE, nose=NOSES[nose])
     run = simulate(

@@ -141,7 +141,7 @@ def test_fixed_step_is_of_fourth_order_while_the_motion_is_smooth() -> None:
 
 
 def test_adaptive_step_error_falls_with_its_tolerance() -> None:
-    """Over four decades the error grows with the tolerance to the power 0.8 to 1.2, and is below a tenth of it."""
+    """Over four decades the error is below a tenth of the tolerance, with a slope of 0.8 to 1.2 on logarithmic axes."""
     start, model = deep_inside(Numerics(stations=16, points=8))
 
     def final(tolerance: float) -> FloatArray:
@@ -210,7 +210,7 @@ accelerations: Any = njit(call_accelerate)
 
 @pytest.mark.parametrize("stations", [3, 12, 256])
 def test_states_evaluated_together_equal_single_evaluations(stations: int) -> None:
-    """The numbers of stations give fewer and more rings than are evaluated at a time."""
+    """Some of these numbers of stations give fewer rings than are evaluated at a time, others more."""
     numerics, resistance = Numerics(stations=stations).resolved(), Resistance()
     prepared = prepare(projectile=steel(NOSES["ogive"]), target=PAPER_TARGET, resistance=resistance, numerics=numerics)
     model = prepared.model._replace(law=prepared.model.law._replace(static_stress=3e8))

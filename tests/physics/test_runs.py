@@ -35,7 +35,7 @@ def history(trajectory: Trajectory) -> Motion[FloatArray]:
 def test_embedded_run_ends_at_a_hundredth_of_the_speed(method: Any) -> None:
     found = paper_run(30.0, numerics=Numerics(method=method))
     assert found.outcome is Outcome.EMBEDDED
-    if method == "adaptive":  # Fixed steps end before the one that would go beyond rest.
+    if method == "adaptive":  # With fixed steps a run ends before the step that would go beyond rest.
         assert found.final.kinetic_energy == pytest.approx(REST_FRACTION * history(found).kinetic_energy[0], rel=1e-6)
 
 

@@ -151,7 +151,7 @@ REFUSED: dict[str, Callable[[], object]] = {
         PAPER_TARGET, Resistance(strength_factor=OwnTests(shots=(Shot(velocity=238.0, depth=30.0),)))
     ),
 }
-"""Calls with one wrong input, by its name."""
+"""Calls with one wrong input, by the name of the input."""
 
 
 def strike_into(target: Target, resistance: Resistance | None = None) -> object:

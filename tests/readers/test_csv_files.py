@@ -82,7 +82,7 @@ def test_units_in_the_header_are_converted(file: Path, head: str) -> None:
 
 
 def test_columns_of_openradioss_are_selected_by_name(file: Path) -> None:
-    """The converter of OpenRadioss quotes and pads names, ends the header in a comma, and may omit the last number."""
+    """OpenRadioss' converter quotes and pads names, ends the header with a comma, and may omit the last number."""
     head = '"time","INTERNAL ENERGY","CG 42 body  DX        ","CG 42 body  DZ        ","CG 42 body  FX        ",'
     file.write_text(f"{head}\n0.000000,0.1,0.000000,-0.000000,7\n1.000000,0.1,100.000000,-150.000000,\n")
     columns = {"depth_displacement": "-CG 42 body DZ", "lateral_displacement": "CG 42 body DX"}

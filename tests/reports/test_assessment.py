@@ -317,7 +317,7 @@ def test_no_probability_is_stated_beyond_the_search_range() -> None:
 def test_label_of_the_angle_is_no_longer_than_its_axis() -> None:
     speeds = [(speed, {"critical_angle_deg": 48.0}) for speed in (150.0, 250.0, 350.0)]
     figure = curves(speeds, None, speed=238.0, angle=48.6, judged=45.0)
-    figure.savefig(io.BytesIO())  # This lays it out.
+    figure.savefig(io.BytesIO())  # This lays out the figure.
     (axes,) = figure.subfigs[0].axes
     label, title = (each.get_window_extent() for each in (axes.yaxis.label, axes.title))
     assert label.y0 >= figure.bbox.y0

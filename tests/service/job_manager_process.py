@@ -1,4 +1,4 @@
-"""Script: run the jobs of a folder until they are done, or until the process is killed; if there is none, submit one.
+"""Script: run the jobs of a folder until they are done, or until the process is killed; if there is no job, submit one.
 
 Workers are separate processes, as in the service, and each run of a case creates a file.
 """

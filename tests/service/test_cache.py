@@ -359,7 +359,7 @@ def test_memory_is_limited_and_contains_the_latest_results(tmp_path: Path) -> No
     with cache_in(tmp_path, memory_bytes=10 * one.nbytes + one.nbytes // 2) as cache:
         for number in range(50):
             cache.put(trajectory(number, rows=1000))
-            cache.recall(trajectory(0).key)  # It is used all the time.
+            cache.recall(trajectory(0).key)  # It remains recently used.
         kept = [number for number in range(50) if cache.recall(key_of(number))]
         assert kept == [0, *range(41, 50)]
         cache.put(trajectory(99, rows=20_000))  # It is larger than the cache, and must not evict anything.

@@ -135,7 +135,7 @@ async def test_batch_survives_a_restart_of_the_scheduler(
 async def test_call_that_kills_dask_workers_fails_alone(
     executor: DaskExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # Both workers are restarting for a while.
+    # Both workers restart meanwhile, and the executor has to wait for them.
     monkeypatch.setattr("service.workers.dask_executor.PATIENCE_SECONDS", WAIT_SECONDS)
     first, deadly, last = await executor.run([(operator.add, (1, 2)), KILL_WORKER, (operator.add, (3, 4))])
     assert (first.value, last.value) == (3, 7)

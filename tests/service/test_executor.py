@@ -264,7 +264,7 @@ async def test_chunks_finish_despite_killed_workers(pool: ProcessPool) -> None:
     sums: list[Call] = [(operator.add, (number, 1)) for number in range(20)]
     chunks = [asyncio.ensure_future(pool.run([nap(0.005), *sums])) for _ in range(200)]
     for kills in range(1, 7):
-        await asyncio.sleep(instants.uniform(0.03, 0.1))  # The call whose worker was killed last ends in that time.
+        await asyncio.sleep(instants.uniform(0.03, 0.1))  # The call hit by the last kill ends; two kills would fail it.
         os.kill(pool.worker_pids[kills % 2], signal.SIGKILL)
         await until(lambda: pool.restarts == kills)  # noqa: B023 (called at once)
     for chunk in chunks:

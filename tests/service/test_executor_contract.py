@@ -157,7 +157,7 @@ async def test_answers_of_all_executors_are_identical(executor: Executor) -> Non
 
 
 async def test_only_the_call_beyond_its_time_limit_fails(make: Make) -> None:
-    """The time limit of a call in a chunk is counted from the end of the call before."""
+    """The time limit of a call in a chunk is counted from the end of the previous call."""
     executor = await make(task_seconds=0.5)
     finished = await executor.run([nap(0.3), nap(0.3), nap(0.7), (operator.add, (1, 2))])
     assert [type(outcome.error) for outcome in finished] == [type(None), type(None), TaskTimeoutError, type(None)]

@@ -75,7 +75,7 @@ def test_alternative_models_and_scatter_are_compared_in_one_study() -> None:
 
 
 def test_nose_can_be_an_uncertain_input() -> None:
-    """The nose is an uncertain input, with points as a tuple or as an array; each angle equals that of a search."""
+    """The points may be a tuple or an array. The angle for each nose equals that of a search with this nose."""
     cones = [Profile(points=((0.0, 0.0), (0.13, 0.04))), Profile(points=np.array([[0.0, 0.01], [0.12, 0.04]]))]  # type: ignore[arg-type]
     body = replace(PAPER_PROJECTILE, nose=cones[1])
     noses = Uncertain("projectile.nose", Discrete(values=cones))

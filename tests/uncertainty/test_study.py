@@ -68,7 +68,7 @@ def test_samples_correct_a_surrogate_with_a_persistent_error(half_width: float) 
 
 
 def test_counting_replaces_a_less_exact_surrogate() -> None:
-    """For steps in one input, counting samples is more exact than the bound on the error of the surrogate."""
+    """For a function with steps in one input, the surrogate is too inexact for a half width of 0.01."""
 
     class Stairs(Linear):
         distributions = (Uniform(lower=-1.0, upper=1.0),)
@@ -245,7 +245,7 @@ def test_samples_without_an_outcome_widen_the_interval() -> None:
 
 
 def test_flights_have_quantiles_by_outcome_if_requested() -> None:
-    """The body is turned away for x above 0.25 and perforates for x below 0.1. It flies 100 x, and at most 200 x."""
+    """The body is turned away for x above 0.25 and perforates for x below 0.1. Its range is 100 x, at best 200 x."""
     inputs = [Uncertain("x", Uniform(lower=0.0, upper=1.0))]
     left = Exit(100.0, 0.8, 0.7, 0.1, 5.0, 1e3, 0.5)
 

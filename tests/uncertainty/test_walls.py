@@ -74,7 +74,7 @@ def test_850_mm_are_not_enough_for_the_155_mm_body(strength: float, angle: float
 
 
 def test_design_value_is_at_least_the_model_with_plug_and_crater() -> None:
-    """The model needs over 1.2 times the limit of Hughes if eq. 9 is not held beyond 60°, and less if it is."""
+    """The model requires over 1.2 times the thickness by Hughes if eq. 9 is not held from 60° on, and less if it is."""
     wall = Target(compressive_strength=27e6, density=2300.0, thickness=0.4)
     falling = Resistance(strength_factor=ObliquityPolynomial(held_from=math.radians(90.0)))
     found = judge(LONG_OGIVE, wall, 242.0, 67.1, resistance=falling)

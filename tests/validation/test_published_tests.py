@@ -65,7 +65,7 @@ def test_closed_form_with_the_power_law_agrees_with_the_1994_series(assessment: 
     assert [holds for what, holds in claims.items() if "trajectory model" in what] == [
         None,
         None,
-    ]  # It claims no value.
+    ]  # No value is claimed for this model.
 
 
 def test_published_mean_of_the_1994_series_includes_its_outlier(assessment: Assessment) -> None:

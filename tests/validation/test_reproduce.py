@@ -81,7 +81,7 @@ def test_trials_count_as_turned_away_if_they_end_above_the_face() -> None:
     _, degrees, early, final, turned_away = zip(*bisection.rows, strict=True)
     assert degrees[:3] == pytest.approx((40.0, 60.0, 50.0))
     assert turned_away[:4] == ("no", "yes", "yes", "no")
-    assert early[0] == pytest.approx(final[0])  # It is at rest by then.
+    assert early[0] == pytest.approx(final[0])  # The projectile is at rest by then.
     assert early[1] > final[1]  # The depth is still increasing.
 
 
