@@ -214,7 +214,7 @@ def test_studies_of_a_sweep_count_as_their_most_samples(guarded: Guarded) -> Non
         problem_of(submit(jana, 202.0, 203.0, 204.0), 429)
         job = submit(jana, 202.0, 203.0, headers=ASYNC)
         assert finished(jana, job.json())["status"] == "successful"
-        problem_of(submit(jana, 204.0), 429)  # 100 of 1,000 are left.
+        problem_of(submit(jana, 204.0), 429)  # The quota of 1,000 has 100 left.
 
 
 class SetClock:

@@ -1,4 +1,4 @@
-"""The example scripts that use other tools for uncertainty quantification run."""
+"""The example scripts that use other tools for uncertainty quantification run without an error."""
 
 import os
 import re

@@ -29,7 +29,7 @@ OFF_THE_NETWORK: Mapping[str, bool | int | str] = {
 
 
 def executable() -> str | None:
-    """Path of the installed browser; None without one."""
+    """Path of the installed browser; None if there is none."""
     return next(filter(None, map(shutil.which, NAMES)), None)
 
 

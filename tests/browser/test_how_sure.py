@@ -155,7 +155,7 @@ def test_study_of_the_usual_scatter_is_computed_once(page: Page, client: httpx.C
 
 def test_invalid_distributions_are_marked_at_their_fields(page: Page, faults: list[str]) -> None:
     page.goto("/#/how-sure")
-    # The answer to the verdict contains the usual scatter of the case, which overwrites the fields.
+    # The answer of /verdict contains the usual scatter of the case, which overwrites the fields.
     expect(page.get_by_role("region", name="Verdict")).to_contain_text("90 % range")
     dispersion = page.get_by_role("group", name="Compressive strength").get_by_label("Dispersion")
     dispersion.fill("-0.12")

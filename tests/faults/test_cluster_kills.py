@@ -1,4 +1,4 @@
-"""Dask workers are ended during jobs in various ways: every case is answered once, with the same bytes."""
+"""Dask workers are ended in various ways: every case is answered once, with the same bytes as without a cluster."""
 
 import os
 import random

@@ -1,4 +1,4 @@
-"""Properties of random strikes: mirror symmetry, independence of units, energy balance, and depth by strength."""
+"""Properties of random strikes: mirror symmetry, independence of units, energy balance, and effect of strength."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Many strikes in one call: answers equal single calls, in order, and a failure does not stop the others."""
+"""Many strikes in one call: answers equal those of single calls, in order, and a failure stops no other case."""
 
 import math
 import threading

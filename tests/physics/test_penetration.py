@@ -47,7 +47,7 @@ def test_nose_factors_of_cones_caps_and_flat_faces_have_published_values() -> No
 @pytest.mark.parametrize("velocity", [120.0, 200.0, 277.0, 800.0])
 @pytest.mark.parametrize("name", ["ogive", "cone", "flat"])
 def test_depth_equals_the_integrated_force_law(name: str, velocity: float) -> None:
-    """In the crater the force is c z. Deeper, it is the force of eq. 1 on the whole nose, and c makes it continuous."""
+    """In the crater the force is c z, and beyond it that of eq. 1 on the whole nose; c makes the force continuous."""
     projectile, static = steel(NOSES[name]), 12.0 * LI_CHEN_TARGET.compressive_strength
     inertia, area = nose_factor(projectile) * LI_CHEN_TARGET.density, math.pi * projectile.radius**2
     crater = 2.0 * projectile.diameter

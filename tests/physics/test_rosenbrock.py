@@ -49,7 +49,7 @@ def test_embedded_solution_is_of_order_3() -> None:
 
 
 def test_difference_of_rates_over_a_step_is_of_order_3() -> None:
-    """The difference is computed as a combination of stages, which agrees with it up to third order."""
+    """The difference is computed from a combination of stages, which is accurate to third order."""
     found = sums(-COUPLINGS[STAGES])
     assert found[:4] == pytest.approx([0, 1, 1, 1 / 2], abs=1e-13)
 

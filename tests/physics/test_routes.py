@@ -62,7 +62,7 @@ def moving(history: Motion[FloatArray]) -> int:
 
 @pytest.mark.parametrize(("nose", "oblique", "attack", "velocity", "decay"), CASES)
 def test_both_routes_give_the_same_path(nose: str, oblique: float, attack: float, velocity: float, decay: str) -> None:
-    """The tip agrees within a millimetre or a hundredth of the depth, the axis within half a degree, up to `REST`.
+    """Until `REST`, the tip agrees within a millimetre or a hundredth of the depth, and the axis within half a degree.
 
     The difference comes from the fixed steps of 5 µs: steps of 1 µs reduce it to a quarter.
     """

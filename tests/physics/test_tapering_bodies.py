@@ -151,7 +151,7 @@ def test_profile_through_points_of_a_sphere_converges_to_it(degrees: float) -> N
 
 
 def test_body_without_a_base_is_loaded_everywhere_without_decay() -> None:
-    """Spheres and pointed tails have no base. Without decay their rear is loaded like any surface, and so is a base."""
+    """Spheres and pointed tails have no base. Without decay the rear of any body is loaded like its nose."""
     resistance = Resistance(free_surface=NoFreeSurface())
     for projectile in (BALL, TAPERING["double cone"], steel(Flat(), length=0.1)):
         found = run(projectile, 30.0, resistance=resistance)

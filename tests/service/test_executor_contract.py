@@ -303,4 +303,4 @@ async def test_executor_reports_its_capacity_and_processes(executor: Executor, k
     assert executor.worker_pids
     assert executor.restarts == 0
     for pid in executor.worker_pids:
-        os.kill(pid, 0)  # It raises an error if there is no such process.
+        os.kill(pid, 0)  # This raises an error if there is no such process.

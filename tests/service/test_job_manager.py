@@ -142,7 +142,7 @@ async def test_cancelling_takes_effect_at_once_and_keeps_results(manager: JobMan
     assert await manager.cancel(job.id) == await manager.job(job.id) == state
     await asyncio.sleep(0.5)
     count = len(runs(log))
-    await asyncio.sleep(0.6)  # No case takes as long.
+    await asyncio.sleep(0.6)  # No case takes as long as this.
     assert len(runs(log)) == count < 15
     assert manager.queued_cases == 0
     assert squares(await collect(manager, cases([77]))) == [77**2]  # The pool is free again.
@@ -311,7 +311,7 @@ async def test_small_job_of_an_owner_overtakes_a_large_one(pool: ProcessPool, tm
 
 
 async def test_place_and_wait_of_a_job_include_the_work_before_it(pool: ProcessPool, tmp_path: Path) -> None:
-    """A small job overtakes large jobs of its owner and, because owners take turns, waits little for other owners."""
+    """A small job overtakes large jobs of its owner and, as owners take turns, waits only briefly for other owners."""
     async with running(tmp_path, pool) as manager:
         sizes = (("anna", 4000), ("anna", 2000), ("bert", 4000), ("anna", 20))
         jobs = []
@@ -336,7 +336,7 @@ async def test_no_owner_can_fill_the_whole_queue(pool: ProcessPool, tmp_path: Pa
         jobs.append(await accepted(manager, cases(range(1000, 1200), seconds=0.2), "bert"))
         with pytest.raises(QueueFullError):
             manager.run_now("square", cases(range(1200, 1250)), owner="bert")
-        found = await collect(manager, cases(range(2000, 2100)))  # They come in the order in which they finish.
+        found = await collect(manager, cases(range(2000, 2100)))  # Results come in the order in which they finish.
         assert sorted(squares(found)) == [i**2 for i in range(2000, 2100)]
         for job in jobs:
             await manager.cancel(job.id, job.owner)

@@ -1,4 +1,4 @@
-"""A worker computes bitwise the same as the solver in this process, and does not compile."""
+"""A worker gives bitwise the same results as the solver in this process, and does not compile."""
 
 import asyncio
 import math
@@ -89,7 +89,7 @@ async def test_solver_error_from_a_worker_names_its_field(pool: ProcessPool) -> 
     with pytest.raises(ParameterError) as caught:
         await pool.submit(compute_single, compute_trajectory, "trajectory", "0" * 64, canonical(request))
     assert caught.value.field == "projectile.length"
-    assert "compute_trajectory" in caught.value.__notes__[0]  # It names the place in the worker.
+    assert "compute_trajectory" in caught.value.__notes__[0]  # The note names the place in the worker.
 
 
 def compilations() -> int:

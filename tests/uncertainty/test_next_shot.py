@@ -1,4 +1,4 @@
-"""The value of further shots: the range of the critical angle that a study predicts after one and after three."""
+"""The value of further shots: the range of the critical angle that a study predicts after one and three of them."""
 
 import math
 from collections.abc import Sequence

@@ -100,7 +100,7 @@ def test_moments_agree_with_the_sample_of_salib(method: str) -> None:
 @pytest.mark.parametrize("method", ["auto", "direct"])
 @pytest.mark.parametrize("angle_deg", AT_DEG)
 def test_probability_is_within_the_interval_of_random_searches(method: str, angle_deg: float) -> None:
-    """The direct method has fewer samples than the random searches, so its wider interval must only overlap theirs."""
+    """The direct method has fewer samples than the random searches, so its wider interval need only overlap theirs."""
     found = answer(method)
     index = int(np.argmin(abs(ANGLES - math.radians(angle_deg))))
     count = int((plain() <= ANGLES[index]).sum())

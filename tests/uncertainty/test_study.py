@@ -45,7 +45,7 @@ def test_surrogate_includes_the_share_its_samples_cannot_show() -> None:
     unseen = answer.share_without.upper
     assert ((answer.upper - answer.probability)[answer.probability < 0.5] >= unseen).all()
     assert ((answer.probability - answer.lower)[answer.probability > 0.5] >= unseen).all()
-    assert last.half_width >= unseen  # This counts on both sides of an intermediate probability.
+    assert last.half_width >= unseen  # The share widens an intermediate interval on both sides.
 
 
 @pytest.mark.parametrize("half_width", [0.1, 0.01])

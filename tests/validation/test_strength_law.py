@@ -118,7 +118,7 @@ def test_intervals_contain_the_shots_of_omitted_series(by_article: bool) -> None
     for each in (without, after_one, after_two):
         assert isinstance(each, Coverage)
         assert each.series >= 25
-    # An article contains several series, so without one there is less data for the prediction.
+    # An article contains several series, so leaving one out leaves less data for the prediction.
     least = 0.88 if by_article else 0.90
     for share in (without.covered, without.covered_shots):
         assert least <= share <= 0.96
