@@ -92,7 +92,7 @@ class Attacker:
         return len(self.statuses) + len(self.held)
 
     def send(self, line: bytes, *headers: bytes, body: bytes = b"") -> None:
-        """Send a request and record its status."""
+        """Send a request and record the status of the answer."""
         with suppress(OSError):
             self.statuses.append(self.target.send(line, *headers, body=body)[0])
 

@@ -53,7 +53,7 @@ def run_shown_map(page: Page) -> None:
 
 
 def check(page: Page, label: str, values: list[str], finish: Callable[[Page], None]) -> None:
-    """Change a field quickly and slowly; every unmarked number must be among the final numbers for those inputs."""
+    """Change a field quickly, then slowly; check that unmarked numbers are among the final numbers for their inputs."""
 
     def fill(value: str) -> None:
         page.get_by_label(label, exact=True).first.fill(value)

@@ -65,7 +65,7 @@ def test_sweep_writes_a_table_and_a_plot(folder: Path) -> None:
 def test_small_sweep_equals_the_sweep_of_a_service_without_starting_one(
     here: Path, live_url: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], form: str
 ) -> None:
-    """The second point is refused by the solver, which does not stop the first. No local service is started."""
+    """The solver refuses the second point, but computes the first. No local service is started."""
     monkeypatch.setattr("service.cli.server.local_server", None)
     args = ["sweep", "strike.toml", "--axis", "projectile.length_m=0.53,0.05", form]
     assert cli.main(args) == 3

@@ -79,7 +79,7 @@ def test_standard_error_is_proportional_to_the_error_of_the_strength_factor() ->
 
 
 def test_standard_error_is_known_although_s_vanishes_beyond_the_angle() -> None:
-    """If it is not held from 60°, eq. 9 minus 0.5 is negative at 85°, the upper end of the search range."""
+    """Eq. 9 minus 0.5, not held from 60° on, is negative at 85°, the upper end of the search range."""
     wide, narrow = (find(replace(constant_term_known_to(error), held_from=math.radians(90.0))) for error in (0.5, 0.1))
     assert known(wide.standard_error) == pytest.approx(5.0 * known(narrow.standard_error), rel=0.1)
 

@@ -19,7 +19,7 @@ JOBS_BEFORE = 2
 
 
 def write_for_ever(folder: Path, accepted: int) -> None:
-    """Write jobs, and a byte to the pipe `accepted` for each."""
+    """Write jobs until killed, and for each accepted job a byte to the pipe `accepted`."""
     store = JobStore(folder, job_days=7.0, operations={"square"})
     while True:
         job = store.create("square", "local")
