@@ -1,1 +1,4 @@
-"""Comparisons of the model with the source paper, published tests and a second method; not in the installed package."""
+"""Comparisons of the model with the source paper and published tests, and of its two numerical methods with each other.
+
+The installed package does not contain them.
+"""

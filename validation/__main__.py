@@ -1,4 +1,4 @@
-"""`python -m validation reproduce` and `validate` write reports with figures and tables."""
+"""Command `python -m validation`, which writes the report `reproduce` or `validate` with its figures and tables."""
 
 import argparse
 import sys
@@ -14,7 +14,7 @@ from validation.report import Section, write_report
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Write a report; return the exit status."""
+    """Write the requested report; return the exit status."""
     parser = argparse.ArgumentParser(
         prog="python -m validation", description="Compare the model with published results."
     )
@@ -39,7 +39,14 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def write(report: Any, folder: Path) -> tuple[Path, list[str]]:
-    """Write the report of a module, with a progress bar on standard error; return its page and the summaries to print.
+    """Write a report, with a progress bar on standard error; return its page and the summaries to print.
+
+    Parameters
+    ----------
+    report
+        Module with `TITLE`, `INTRODUCTION`, `COUNT` and `sections`.
+    folder
+        Folder of the page.
 
     Raises
     ------

@@ -43,12 +43,12 @@ class Attempts:
 
     @property
     def turned_away(self) -> list[bool]:
-        """Trials in which the nose tip is outside the concrete at 5 ms, the paper's criterion for ricochet."""
+        """For each trial, whether the nose tip is outside the concrete at 5 ms, the paper's criterion for ricochet."""
         return [depth < 0.0 for depth in self.final]
 
 
 def search_section(progress: Progress) -> Section:
-    """Return the section with Figures 13 and 14 and the critical angle."""
+    """Return the section with Figures 13 and 14, and the comparison of critical angles with the paper's."""
     answers = {}
     for method in (*PLOTTED_SEARCHES, "outcome"):
         progress(f"critical angle by {method}")
@@ -100,7 +100,7 @@ def trials_of(answer: CriticalAngle) -> Attempts:
 
 
 def _early_position(oblique_angle: float) -> float:
-    """Return the depth of the nose tip at the time of Figure 14. [m]"""
+    """Return the depth of the nose tip at 3.2 ms, the time of Figure 14. [m]"""
     history = predict_motion(
         projectile=PAPER_PROJECTILE,
         target=PAPER_TARGET,
@@ -204,9 +204,9 @@ def _trial_columns(attempts: dict[SearchMethod, Attempts]) -> dict[str, list[obj
 
 
 INSTANTS = (0.0, 1e-3, 2e-3, 3.2e-3, 5e-3)
-"""Instants at which Figure 15 shows the projectile. [s]"""
+"""Times at which Figure 15 shows the projectile. [s]"""
 ASIDE = math.radians(0.5)
-"""Offset from the critical angle of the strikes just below and above it in Figure 15. [rad]"""
+"""Distance from the critical angle to the angles just below and above it in Figure 15. [rad]"""
 RUNS = ("oblique-48", "oblique-50", "oblique-52")
 VIEW_LATERAL, VIEW_DEPTH = (-0.52, 0.95), (-0.42, 0.2)
 """Limits of the axes of Figure 15. [m]"""
@@ -312,7 +312,7 @@ NEAR = 45.0
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """CPU time that one method needs for the critical angle."""
+    """CPU time that a method takes for the critical angle, in seconds."""
 
     way: str
     seconds: float
@@ -376,7 +376,7 @@ def _finite_elements() -> tuple[Cost, Cost]:
 
 
 def _measured(method: SearchMethod) -> Cost:
-    """Repeat a search, and return its shortest CPU time."""
+    """Return the shortest CPU time of several runs of a search, after one that loads the compiled code."""
     search(method)
     shortest = min(_cpu_seconds(method) for _ in range(REPEATS[method]))
     way = "outcome search (ours)" if method == "outcome" else f"{method} (paper's elements)"

@@ -37,7 +37,7 @@ DEPTHS = (0.12, 4.0)
 
 
 def depth_figure(assessment: Assessment, factor_model: str, name: str) -> Figure:
-    """Draw predicted against measured depth, and their ratio against velocity, for both methods."""
+    """Draw predicted against measured depth, and their ratio against velocity, for each method in `METHODS`."""
     figure, axes = style.panels(4, rows=2, height=7.4)
     velocities = np.array([strike.test.velocity for strike in assessment.strikes])
     columns: dict[str, Sequence[object]] = {
@@ -96,8 +96,8 @@ def _ratio(axes: Axes, assessment: Assessment, velocities: FloatArray, ratios: F
 
 
 SERIES = "forrestal-1994"
-"""Series for which the expected mean and coefficient of variation of predicted over measured depth were fixed
-beforehand, for the closed form with S = 82.6 f'c^−0.544."""
+"""Series for which the reference values below, of predicted over measured depth by the closed form with
+S = 82.6 f'c^−0.544, were set before the comparison was made."""
 MEAN_RATIO, MEAN_RATIO_TOLERANCE = 1.02, 0.03
 VARIATION, VARIATION_TOLERANCE = 0.08, 0.02
 FIGURE_NAMES = ("power-law-82.6", "power-law-72", "constant-8.52", "leave-one-out")
@@ -136,7 +136,7 @@ def agreement_1994(assessment: Assessment, method: str) -> Agreement:
 
 
 def _reading(assessment: Assessment) -> str:
-    """Return the text that compares the expected mean ratio with the results of several definitions of it."""
+    """Return the text that compares the expected mean ratio with the results of three definitions of the ratio."""
     ratios = assessment.ratios(CLOSED_FORM, POWER_LAW)
     with_outlier = agreement(ratios[[strike.test.series == SERIES for strike in assessment.strikes]])
     without = agreement_1994(assessment, CLOSED_FORM)
@@ -232,7 +232,7 @@ def static_difference(projectile: Projectile) -> float:
 
 
 def crater_differences(assessment: Assessment) -> Sequence[CraterDifference]:
-    """Return the differences, grouped by diameter and nose, for S = 82.6 f'c^−0.544."""
+    """Return the differences between the two depths for S = 82.6 f'c^−0.544, grouped by diameter and nose."""
     closed, ours = (assessment.predictions[method, POWER_LAW].depths for method in (CLOSED_FORM, TRAJECTORY))
     kinds: dict[tuple[float, float], list[int]] = {}
     for place in assessment.chosen():

@@ -61,7 +61,10 @@ def strikes(tests: Sequence[PenetrationTest]) -> tuple[PublishedStrike, ...]:
 
 
 def grades(tests: Sequence[PenetrationTest]) -> list[str]:
-    """Return series and grade of concrete of each test; strengths of a series that are close are one grade."""
+    """Return series and grade of concrete of each test.
+
+    Strengths of a series belong to one grade as long as each is at most `NEXT_GRADE` times the next lower one.
+    """
     names: dict[tuple[str, float], str] = {}
     for series in dict.fromkeys(test.series for test in tests):
         grade: list[float] = []
@@ -101,10 +104,11 @@ def _projectile(test: PenetrationTest) -> Projectile:
 FIT_RANGE = (3.0, 15.0)
 """Range of the search for the best strength factor. [1]"""
 CURVE_DEGREE = 6
-"""Degree of the polynomial that approximates depth as a function of S in a fit, to 10⁻⁶ of the depth."""
+"""Degree of the polynomial that approximates ln depth as a function of ln S in a fit, with a relative error of the
+depth of about 10⁻⁶."""
 
 DepthCurve: TypeAlias = Callable[[float], float]
-"""Function from the strength factor to the depth of the nose tip. [m]"""
+"""Function of the strength factor that returns the depth of the nose tip. [m]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -188,7 +192,7 @@ def model_factors(strikes: Sequence[PublishedStrike], model: StrengthFactor) -> 
 def depth_curve(strike: PublishedStrike, method: str) -> DepthCurve:
     """Return depth as a function of S, approximated by a polynomial for ln depth in ln S.
 
-    The polynomial takes `CURVE_DEGREE` + 1 runs; fits then need no further runs.
+    The polynomial is computed from `CURVE_DEGREE` + 1 depths, so a fit needs no further ones.
     """
     depth = METHODS[method]
 
@@ -234,7 +238,7 @@ def exact_factor(strike: PublishedStrike, curve: DepthCurve) -> float:
 
 
 BAND = 0.2
-"""Deviation from 1 that the figures mark and the statistics count. [1]"""
+"""Deviation of a ratio from 1 within which `Agreement` counts it; the figures mark this band. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -266,7 +270,7 @@ Choice: TypeAlias = Callable[[PublishedStrike], bool]
 
 
 def every(_: PublishedStrike) -> bool:
-    """Predicate that selects every test."""
+    """Select every test."""
     return True
 
 

@@ -53,21 +53,21 @@ LAWS: Final[Mapping[str, FreeSurface]] = {
     "none": NoFreeSurface(),
 }
 PLATE_CORE: Final = Projectile(nose=Ogive(caliber_radius_head=3.0), diameter=0.00617, length=0.0276, mass=0.0053)
-"""Hard core of the 7.62 mm APM2 bullet."""
+"""Hard steel core of the 7.62 mm APM2 bullet."""
 PLATE: Final = Target(compressive_strength=265e6, density=2710.0, youngs_modulus=70e9, thickness=0.02)
-"""AA6082-T651, with its yield strength in place of f'c."""
+"""Plate of the aluminium alloy AA6082-T651, with its yield strength in place of f'c."""
 PLATE_LIMITS: Final[Mapping[float, float]] = {0.0: 514.0, 15.0: 535.0, 30.0: 597.0, 45.0: 723.0}
-"""Measured ballistic limits by angle from the normal. [°, m/s]"""
+"""Measured limit speeds of the plate, by angle from the normal. [°, m/s]"""
 HANSSON_SHOT: Final = Projectile(nose=Ogive(caliber_radius_head=2.0), diameter=0.075, length=0.225, mass=6.28)
-"""Projectile of Hansson. The source does not state the nose. A calibre-radius-head of 2 is assumed, with which a solid
-steel body of this size has this mass."""
+"""Projectile of Hansson. The source does not state its nose; with the assumed calibre-radius-head of 2, a solid steel
+body of this size has the stated mass."""
 HANSSON_TARGET: Final = Target(compressive_strength=33.8e6, density=2300.0)
 HANSSON_VELOCITY, HANSSON_DEPTH = 485.0, 0.6575
-"""Measured velocity and depth of Hansson's shot. [m/s, m]"""
+"""Velocity of Hansson's two shots, and the mean of their depths, 0.655 and 0.660 m. [m/s, m]"""
 
 
 def plate_limit(law: FreeSurface, value: float, degrees: float) -> float:
-    """Return the limit speed of the plate with a constant S. [m/s]"""
+    """Return the limit speed of the plate in the model with a constant S; nan if there is none. [m/s]"""
     found = limit_velocity(
         projectile=PLATE_CORE,
         target=PLATE,
@@ -79,7 +79,10 @@ def plate_limit(law: FreeSurface, value: float, degrees: float) -> float:
 
 @cache
 def plate_misses() -> dict[str, tuple[float, ...]]:
-    """Return the relative error of limit speeds at oblique angles, by decay law, with S fitted in normal impact. [1]"""
+    """Return relative errors of the limit speeds at oblique angles. [1]
+
+    The keys are the decay laws, with S fitted in normal impact, and "sec θ", the speed in normal impact over cos θ.
+    """
     oblique = [angle for angle in PLATE_LIMITS if angle > 0.0]
     found = {}
     for name, law in LAWS.items():
@@ -91,7 +94,10 @@ def plate_misses() -> dict[str, tuple[float, ...]]:
 
 @cache
 def motion_misfits() -> dict[tuple[Mesh, str], float]:
-    """Return the normalised RMS misfit over the motions of all oblique finite element runs, each with its own S. [1]"""
+    """Return the normalised RMS misfit of all oblique finite element runs, each fitted with its own S. [1]
+
+    The keys are mesh and decay law.
+    """
     found = {}
     for mesh in MESHES:
         runs = [run for run in finite_element_runs(mesh) if run.oblique_angle > 0.0]
@@ -161,7 +167,7 @@ def _hansson() -> Evidence:
     )
     off = math.log(own / law) / predict_shot(np.zeros(0)).scale
     return Evidence(
-        what="one depth, not in any fit",
+        what="mean depth of two shots, not in any fit",
         number=2,
         source="Hansson 1998, in Leppänen, Chalmers publication 02:4, table 6.1",
         left_out="nothing; nose (from the mass) and density of the concrete, 2300 kg/m³, are assumed",

@@ -1,4 +1,4 @@
-"""The finite element comparison: both decay laws calibrated with both meshes, and the resulting critical angles."""
+"""The comparison with finite elements: S fitted with each decay law and mesh, and the resulting critical angles."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -26,14 +26,14 @@ from validation.report import Comparison, Progress, ReportTable, Section
 
 SEPARATE_CALCULATION = "a separate calculation on the same runs"
 SEPARATE_RMS = {"mohr_coulomb": 0.051, "elastic_plastic": 0.090, "none": 0.216}
-"""Normalised RMS misfit over the oblique runs by decay law, from a separate calculation as a cross-check. [1]"""
+"""Normalised RMS misfit over the oblique runs of the coarse mesh by decay law, from a separate calculation. [1]"""
 SEPARATE_ANGLES: Mapping[tuple[str, Mesh, str], float] = {
     ("mohr_coulomb", "coarse", CHOSEN): 46.8,
     ("mohr_coulomb", "fine", CHOSEN): 46.5,
     ("elastic_plastic", "coarse", TO_45): 51.4,
     ("elastic_plastic", "fine", TO_45): 49.1,
 }
-"""Calibrated critical angles by law, mesh and fit, from a separate calculation as a cross-check. [°]"""
+"""Critical angles by decay law, mesh and fit of S, from the same separate calculation. [°]"""
 
 
 def section(progress: Progress) -> Section:
@@ -42,7 +42,7 @@ def section(progress: Progress) -> Section:
 
 
 def compare(found: Mapping[Mesh, Calibration], progress: Progress) -> Section:
-    """Return the section from the computed fits."""
+    """Return the section that compares the model with the finite element runs, from the computed fits."""
     progress("finite elements: critical angles")
     predicted = predictions(found)
     ends = {mesh: bracket(finite_element_runs(mesh)) for mesh in MESHES}
@@ -202,7 +202,7 @@ def _quantities(found: Mapping[Mesh, Calibration]) -> ReportTable:
 
 
 def _outcomes(found: Mapping[Mesh, Calibration]) -> ReportTable:
-    """Return the table that compares outcomes of the model, with the S of each run, with the finite elements."""
+    """Return the table of outcomes: of each finite element run, and of the model with the S fitted to that run."""
     rows: list[Sequence[object]] = []
     for calibration in found.values():
         for run in calibration.runs:

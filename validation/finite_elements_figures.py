@@ -47,7 +47,7 @@ MESH_MARKS: Mapping[Mesh, str] = {"coarse": "o", "fine": "s"}
 ANGLES = (44.0, 54.0)
 """Limits of the axis of critical angles. [°]"""
 BESIDE: Mapping[Mesh, float] = {"coarse": -0.3, "fine": 0.3}
-"""Offsets with which the points of the two meshes are drawn side by side. [°]"""
+"""Shifts of the points along the angle axis, so that those of the two meshes do not overlap. [°]"""
 MESH_COLORS: Mapping[Mesh, str] = {"coarse": style.FINITE_ELEMENT, "fine": style.TEST}
 
 
@@ -84,7 +84,7 @@ def rms_figure(found: Mapping[Mesh, Calibration]) -> Figure:
 
 
 def fitted_figure(found: Mapping[Mesh, Calibration]) -> Figure:
-    """Draw histories at 15°, 30° and 45°: both meshes, and the model with both decay laws and S of the coarse run."""
+    """Draw histories at 15°, 30° and 45°: finite elements, and the model with each law and the S of the coarse run."""
     figure, panels = style.panels(3 * len(PAPER_ANGLES), rows=len(PAPER_ANGLES), height=0.5 + 2.1 * len(PAPER_ANGLES))
     coarse = found["coarse"]
     series: dict[str, dict[str, Column]] = {}
@@ -110,7 +110,7 @@ def fitted_figure(found: Mapping[Mesh, Calibration]) -> Figure:
 
 
 def tip_figure(found: Mapping[Mesh, Calibration]) -> Figure:
-    """Draw the depth of the nose tip near the change of outcome, with a row for each mesh."""
+    """Draw the depth of the nose tip at angles near the change of outcome, with a row of panels for each mesh."""
     angles = NEAR_ANGLES
     figure, panels = style.panels(2 * len(angles), rows=2, height=5.4, sharex=True, sharey=True)
     series: dict[str, dict[str, Column]] = {}
@@ -144,9 +144,9 @@ def tip_figure(found: Mapping[Mesh, Calibration]) -> Figure:
 def factor_figure(
     found: Mapping[Mesh, Calibration], predicted: Predictions, brackets: Mapping[Mesh, tuple[float, float]]
 ) -> Figure:
-    """Draw points and fitted polynomials of S against the angle, with a panel for each decay law.
+    """Draw the fitted S and their polynomials against the angle, with a panel for each decay law.
 
-    Brackets are in radians.
+    `brackets` has, for each mesh, the angles between which the outcome changes. [rad]
     """
     figure, panels = style.panels(len(LAWS), height=4.4, sharey=True)
     series: dict[str, dict[str, Column]] = {}
@@ -173,7 +173,7 @@ def factor_figure(
 
 
 def angle_figure(predicted: Predictions, brackets: Mapping[Mesh, tuple[float, float]]) -> Figure:
-    """Draw the critical angle of every calibration, and the angles between which the finite element outcome changes."""
+    """Draw the critical angle of each fit, and the angles between which the outcome of the finite elements changes."""
     shown = [each for each in predicted.each if each.degrees is not None]
     figure, (axes,) = style.panels(1, height=1.4 + 0.2 * len(shown))
     _shade(axes, brackets)

@@ -59,7 +59,7 @@ LAW_NAMES = {"elastic_plastic": "elastic-plastic", "mohr_coulomb": "Mohr-Coulomb
 PAPER_ANGLES = (15.0, 30.0, 45.0)
 """Oblique angles at which the paper calibrates. [°]"""
 ROUGHER = Numerics(relative_tolerance=1e-5)
-"""Coarser numerics for fits to a single quantity, which determine S to two decimals only."""
+"""Coarser numerics for fits to a single quantity, which determine S to no more than two decimals."""
 ALONE = {
     "depth_displacement": Weights(lateral=0.0, rotation=0.0),
     "lateral_displacement": Weights(depth=0.0, rotation=0.0),
@@ -69,7 +69,7 @@ ALONE = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
-    """The runs with one mesh, and all fits to them."""
+    """The oblique runs with one mesh, and all fits for that mesh."""
 
     mesh: Mesh
     runs: Sequence[FiniteElementRun]
@@ -86,24 +86,24 @@ class Calibration:
     """Processor time of `fits`. [s]"""
 
     def own(self, law: str, *, later: bool = False) -> dict[float, MotionFit]:
-        """Return the fit of each run alone with a law, by oblique angle, for runs that determine S. [°]"""
+        """Return the fit of each run that determines S with a decay law, by oblique angle. [°]"""
         found = (self.later_fits if later else self.fits).laws[law]
         alone = found.alone if found else ()
         return {run.degrees: fit for run, fit in zip(self.runs, alone, strict=False) if fit is not None}
 
     def factors(self, law: str, *, later: bool = False) -> dict[float, Estimate]:
-        """Return S by oblique angle: from depths at 0°, from motions at other angles. [°]"""
+        """Return S by oblique angle: from the greatest depths at 0°, and from the motion at other angles. [°]"""
         return {0.0: self.by_depth.estimate} | {
             angle: fit.estimate for angle, fit in self.own(law, later=later).items()
         }
 
     def normalized_root_mean_square(self, law: str, *, later: bool = False) -> float:
-        """Return the normalised RMS misfit over all runs, each with its own S. [1]"""
+        """Return the normalised RMS misfit of all oblique runs, each fitted with its own S. [1]"""
         return overall(self.own(law, later=later).values())
 
 
 def overall(fits: Iterable[MotionFit]) -> float:
-    """Return the normalised RMS misfit of several fits with equal weights. [1]"""
+    """Return the normalised RMS misfit of several fits, which have equal weights. [1]"""
     return math.sqrt(float(np.mean([fit.normalized_root_mean_square**2 for fit in fits])))
 
 
@@ -138,7 +138,7 @@ def _calibrate(mesh: Mesh, progress: Progress) -> Calibration:
 
 
 def fit_laws(runs: Sequence[FiniteElementRun], ends: Sequence[float]) -> DecayLawFits:
-    """Fit runs with every decay law, each up to a given instant. [s]"""
+    """Fit S to runs with every decay law, using the motion of each run up to its time in `ends`. [s]"""
     return fit_decay_laws(
         projectile=PAPER_PROJECTILE,
         target=PAPER_TARGET,
@@ -215,7 +215,7 @@ def ending(run: FiniteElementRun) -> Ending:
 
 
 def _energy(run: FiniteElementRun, row: int) -> float:
-    """Return the kinetic energy in a row for unit mass. [J/kg]"""
+    """Return the kinetic energy per mass in a row of a run. [J/kg]"""
     properties = mass_properties(PAPER_PROJECTILE)
     gyration = properties.moment_of_inertia / properties.mass
     speeds = run.depth_velocity[row] ** 2 + run.lateral_velocity[row] ** 2
@@ -279,19 +279,19 @@ NEAR = "constant, mean of 45° to 50°"
 TO_45 = "second order, up to 45°"
 PAPER = "the paper's eq. 9"
 SCAN = math.radians(0.3)
-"""Interval of the scan. Where S falls to zero at larger angles, projectiles may be turned away in a narrow range only,
-which a wider interval could miss. [rad]"""
+"""Scan interval of the search. Where S falls to zero at larger angles, projectiles may be turned away only in a narrow
+range of angles, which a wider interval could miss. [rad]"""
 NEAR_ANGLES = (45.0, 48.0, 50.0)
 """Angles near the change of outcome. [°]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """A model of the strength factor, and the critical angle that it gives."""
+    """A strength factor fitted to finite elements, and the critical angle of the paper's strike with it."""
 
     law: str
     mesh: Mesh | None
-    """Mesh of the runs; None for eq. 9, which was fitted to other finite elements."""
+    """Mesh of the runs; None for eq. 9, which the paper fitted to finite elements of its own."""
     reading: str
     model: StrengthFactor
     fit: ObliquityFit | None
@@ -333,12 +333,12 @@ class Predictions:
     each: Sequence[Prediction]
 
     def of(self, law: str, mesh: Mesh | None, reading: str) -> Prediction:
-        """Return the prediction of a law, mesh and fit."""
+        """Return the prediction with a decay law, mesh and fit of S."""
         (found,) = (p for p in self.each if (p.law, p.mesh, p.reading) == (law, mesh, reading))
         return found
 
     def chosen(self, law: str, mesh: Mesh) -> Prediction:
-        """Return the prediction with a law fitted to all runs with a mesh."""
+        """Return the prediction with the second-order fit of S to all runs with a mesh."""
         return self.of(law, mesh, CHOSEN)
 
     @property
@@ -348,7 +348,7 @@ class Predictions:
 
 
 def predictions(found: Mapping[Mesh, Calibration]) -> Predictions:
-    """Compute the critical angle for each law, mesh and fit, and for the paper's eq. 9."""
+    """Compute the critical angle with each decay law, mesh and fit of S, and with the paper's eq. 9."""
     shared = [run.degrees for run in found["fine"].runs]
     equation = ObliquityPolynomial(coefficients=equation_9())
     _predict("elastic_plastic", None, PAPER, equation, None, PAPER_ANGLES[-1])  # Compile before times are measured.

@@ -1,4 +1,4 @@
-"""Text of the finite element comparison."""
+"""Text of the comparison with finite elements."""
 
 import math
 from collections.abc import Mapping
@@ -24,7 +24,10 @@ Brackets = Mapping[Mesh, tuple[float, float]]
 
 
 def paragraphs(found: Mapping[Mesh, Calibration], predicted: Predictions, brackets: Brackets) -> tuple[str, ...]:
-    """Return the paragraphs of the section from its numbers; brackets are in radians."""
+    """Return the paragraphs of the section.
+
+    `brackets` has, for each mesh, the angles between which the outcome changes. [rad]
+    """
     degrees = {mesh: (math.degrees(low), math.degrees(high)) for mesh, (low, high) in brackets.items()}
     return (
         _worth(),
@@ -48,8 +51,8 @@ def _worth() -> str:
         "10 mm where it is struck, no friction), stands where the paper had LS-DYNA; some runs were repeated with "
         "cubes of 7.5 mm. It knows nothing of this method: its one calibrated number, the strain at which elements go, "
         "was set on the depths of the four normal shots with the coarse mesh. It is worth 2 to 3 % at 15°, at 30° "
-        "until arrest, and at every angle for the first 1 to 1.5 ms. **It is no converged answer late at steep "
-        "angles**: after 2 ms at 45° and above allow ±4° in rotation and ±30 mm in position."
+        "until arrest, and at every angle for the first 1 to 1.5 ms. **It is no converged answer late at large "
+        "oblique angles**: after 2 ms at 45° and above allow ±4° in rotation and ±30 mm in position."
     )
 
 
@@ -103,11 +106,11 @@ def _laws(found: Mapping[Mesh, Calibration]) -> str:
         f"the {len(fine.runs)} with the fine mesh "
         f"{', '.join(f'{fine.normalized_root_mean_square(law):.3f}' for law in ('mohr_coulomb', 'elastic_plastic'))} "
         f"and {fine.normalized_root_mean_square('none'):.3f}. Fitted until the centre of gravity is deepest, which at "
-        f"steep angles takes in the skid, they are {later['mohr_coulomb']:.3f} and {later['elastic_plastic']:.3f} with "
-        "the coarse mesh. It is not so at every angle: the root mean square of elastic-plastic over that of "
-        f"Mohr-Coulomb decay is {', '.join(better)}. From 48° on, where the tip is deepest after "
-        f"{min(steep):.1f} to {max(steep):.1f} ms, the elastic-plastic law follows these first milliseconds better. "
-        "With one S for all angles the laws differ less, for S falls with the angle in both."
+        f"large oblique angles takes in the skid, they are {later['mohr_coulomb']:.3f} and "
+        f"{later['elastic_plastic']:.3f} with the coarse mesh. It is not so at every angle: the root mean square of "
+        f"elastic-plastic over that of Mohr-Coulomb decay is {', '.join(better)}. From 48° on, where the tip is "
+        f"deepest after {min(steep):.1f} to {max(steep):.1f} ms, the elastic-plastic law follows these first "
+        "milliseconds better. With one S for all angles the laws differ less, for S falls with the angle in both."
     )
 
 
@@ -166,7 +169,7 @@ def _depths(found: Mapping[Mesh, Calibration]) -> str:
 
 
 def _deeper() -> float:
-    """Return how much deeper the fastest normal shot goes with the fine mesh than with the coarse one. [mm]"""
+    """Return the depth of the fastest normal shot with the fine mesh minus that with the coarse mesh. [mm]"""
     fine, coarse = (finite_element_run(name) for name in ("fine-normal-369.5", "normal-369.5"))
     return 1e3 * float(fine.depth_displacement.max() - coarse.depth_displacement.max())
 
@@ -238,7 +241,7 @@ def with_extrapolation(prediction: Prediction) -> str:
 
 
 def outcomes(calibration: Calibration, law: str) -> dict[float, bool]:
-    """Return whether the model turns the projectile away with the S fitted to each run, by oblique angle. [°]"""
+    """Return, by oblique angle, whether the model with the S fitted to a run turns the projectile away. [°]"""
     runs = {run.degrees: run for run in calibration.runs}
     return {
         angle: modelled_outcome(runs[angle], strength_factor=fit.estimate.strength_factor, free_surface=LAWS[law])

@@ -40,7 +40,7 @@ END = 5e-3
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """A history, and the line style in which it is drawn."""
+    """A history, with its label and the line style in which it is drawn."""
 
     label: str
     history: MotionHistory
@@ -48,7 +48,7 @@ class Curve:
 
 
 def column(history: MotionHistory, quantity: str) -> FloatArray:
-    """Return one quantity of a history in the unit of its label. [m, m, °]"""
+    """Return one quantity of a history: a displacement in metres, or the rotation in degrees."""
     values: FloatArray = np.asarray(getattr(history, quantity), dtype=np.float64)
     return np.degrees(values) if quantity == "rotation" else values
 
@@ -244,12 +244,12 @@ SENSITIVITY = paragraphs(
     """
 )
 CLOSE = {"lateral_displacement": 1e-3, "depth_displacement": 1e-3, "rotation": 0.1}
-"""Tolerance for the difference between the greatest values on the paper's grid and by the adaptive method. [m, m, °]"""
+"""Tolerance of the greatest value on the paper's grid, compared with that by the adaptive method. [m, m, °]"""
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """A run with fixed steps."""
+    """A run of the panel method, with its resolution."""
 
     elements: int
     step: float
@@ -302,7 +302,7 @@ def _grid(elements: int, step: float) -> Grid:
 
 
 def _farthest(history: MotionHistory, other: MotionHistory, quantity: str) -> float:
-    """Return the greatest difference of a quantity between two histories. [m, °]"""
+    """Return the greatest difference between two histories at any time: metres, or degrees for the rotation."""
     return float(np.max(np.abs(column(history, quantity) - column(other, quantity))))
 
 

@@ -26,13 +26,13 @@ from validation.strength_law import (
 )
 
 PROGRAMME: Final = frozenset({29, 30, 64})
-"""Articles on one test programme. Some of their rows are repeated, and the 12.7 mm bodies of the programme weigh a
-third of solid steel bodies of the stated size."""
+"""Articles about one test programme. Some of their rows are repeated, and its 12.7 mm bodies weigh a third of solid
+steel bodies of the stated size, so one of these numbers is probably wrong."""
 LAW: Final = SeriesScatter(between=PublishedTests.between_series, within=PublishedTests.within_series)
 
 
 def counted_rows(without: Collection[int] = ()) -> tuple[DepthShot, ...]:
-    """Return the rows to which a law for rigid bodies applies, without the rows of some articles.
+    """Return the rows to which a law for rigid bodies applies, without those of the articles in `without`.
 
     Three rows of article 43 are left out because they repeat shots of article 40, to which the law was fitted.
     """
@@ -45,12 +45,12 @@ def counted_rows(without: Collection[int] = ()) -> tuple[DepthShot, ...]:
 
 
 def _numbers(shot: DepthShot) -> tuple[float, ...]:
-    """Return the numbers by which a shot is recognised in another article."""
+    """Return the numbers that are equal if two articles list the same shot."""
     return shot.mass, shot.velocity, shot.depth, shot.compressive_strength
 
 
 def check(without: Collection[int] = ()) -> tuple[Coverage, ...]:
-    """Return the coverage of the solver's law after no, one and two shots of a series, with some articles left out."""
+    """Return the coverage of the solver's law after no, one and two shots of a series, without some articles."""
     found = [UnseenSeries(misses=misses, scatter=LAW) for misses in series_misses(without)]
     return tuple(coverage(found, count) for count in range(3))
 
@@ -65,7 +65,7 @@ def series_misses(without: Collection[int] = ()) -> list[np.ndarray[tuple[int, .
 
 @cache
 def normal_half_width() -> float:
-    """Return the half width of the 90 % interval by the normal mixed model, without shots of the series. [ln]"""
+    """Return the half width of the 90 % interval of a series without shots, by the normal mixed model. [ln]"""
     law = chosen_law()
     return NORMAL_QUANTILE * math.hypot(law.between, law.within)
 

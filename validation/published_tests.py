@@ -36,7 +36,7 @@ from validation.strength_law import strength_law_section
 from validation.walls import walls_section
 
 ALIKE = 0.05
-"""Relative difference below which two speeds count as equal. [1]"""
+"""Relative difference from the speed of the test left out, within which other tests are compared with it. [1]"""
 
 
 def tests_section(assessment: Assessment) -> Section:
@@ -124,7 +124,7 @@ LARGE_DIAMETER = 0.0762
 
 
 def limits_section(assessment: Assessment) -> Section:
-    """Return the section on the limits of the model, and on questions that the tests leave open."""
+    """Return the section on what the model predicts badly, and on what the tests do not show."""
     known = assessment.agreement(TRAJECTORY, LEFT_OUT)
     constant = assessment.agreement(TRAJECTORY, CONSTANT, of_diameter(LARGE_DIAMETER))
     spread = [assessment.agreement(TRAJECTORY, CONSTANT, of_group(group)).mean_ratio for group in assessment.groups]
@@ -223,7 +223,7 @@ PARTS: Final[Mapping[str, Callable[[Assessment], Section]]] = {
     "closed form and trajectory model": crater_section,
     "walls": lambda _: walls_section(),
 }
-"""Functions that return the sections, by name, in the order of the page."""
+"""Functions that return the sections, by the name shown as progress, in the order of the page."""
 COUNT: Final = len(PARTS)
 
 

@@ -1,4 +1,4 @@
-"""Published numbers, tests and finite element runs that the reports compare with the model, and fits to those runs.
+"""Published numbers, tests and finite element runs that the reports compare with the model, and fits to the runs.
 
 Their sources are in `data/SOURCES.md`.
 """
@@ -119,7 +119,7 @@ class DepthShot:
 
     @property
     def series(self) -> tuple[int, float]:
-        """Article and compressive strength, which together identify shots into the same concrete."""
+        """Article and compressive strength. Shots with the same pair count as shots into one concrete."""
         return self.article, self.compressive_strength
 
 
@@ -343,7 +343,7 @@ def finite_element_depths(mesh: Mesh = "coarse") -> DepthFit:
 
 
 def time_of_deepest_tip(run: FiniteElementRun) -> float:
-    """Return the time at which the nose tip of a finite element run is deepest; the tail may move in further. [s]"""
+    """Return the time at which the nose tip of a finite element run is deepest; the tail may sink for longer. [s]"""
     return float(run.time[int(np.argmax(path_of_run(run).depth))])
 
 
@@ -373,7 +373,13 @@ def motion_of(
 
 
 def path_of(history: MotionHistory, impact: Impact) -> TipPath:
-    """Return the path of the nose tip in an oblique strike."""
+    """Return the path of the nose tip in an oblique strike.
+
+    Raises
+    ------
+    ValueError
+        If the history lacks the depth, the lateral displacement or the rotation.
+    """
     depth, lateral, rotation = history.depth_displacement, history.lateral_displacement, history.rotation
     if depth is None or lateral is None or rotation is None:
         raise ValueError("a path from the side needs depth, lateral displacement and rotation")

@@ -83,7 +83,7 @@ class Section:
     tables: Sequence[ReportTable] = ()
     figures: Sequence[Figure] = ()
     summary: str = ""
-    """Text that the command prints after it has written the report; may be empty."""
+    """Text that the command prints once the report is written; may be empty."""
 
 
 def paragraphs(text: str) -> list[str]:
@@ -97,7 +97,7 @@ def stack(name: str, series: Mapping[str, Mapping[str, Column]]) -> dict[str, li
     Parameters
     ----------
     name
-        Name of the column that separates the series.
+        Name of the column that contains the keys of `series`.
     series
         Columns of each series, of equal length within a series. Columns that a series lacks are left empty.
 
@@ -214,7 +214,7 @@ NARROW = "\N{NARROW NO-BREAK SPACE}"
 SHORT = 5
 """Largest number of significant digits with which a number counts as short, and is shown in full."""
 MOST_SPREAD = 1e5
-"""Ratio of the largest to the smallest number of a column, above which each gets its own number of decimals. [1]"""
+"""Ratio of the largest to the smallest number of a column above which each has its own number of decimals. [1]"""
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -232,15 +232,6 @@ class ShownSection:
 
 
 def _render(*, title: str, introduction: Sequence[str], shown: Sequence[ShownSection]) -> str:
-    """Return the HTML page.
-
-    Parameters
-    ----------
-    title, introduction
-        Title and first paragraphs of the page.
-    shown
-        Sections of the page.
-    """
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
@@ -271,12 +262,12 @@ def _number(value: float | None, digits: int = 4) -> str:
 
 
 def _ours(comparison: Comparison) -> str:
-    """Return the computed number as text, with four significant digits or, if more, the decimals of the reference."""
+    """Return the computed number as text: four significant digits, or all decimals of the reference if it has more."""
     return _printed(f"{comparison.ours:.{_decimals(comparison)}f}")
 
 
 def _difference(comparison: Comparison) -> str:
-    """Return the difference as text, with the decimals of the computed number, or up to two more for a small one."""
+    """Return the difference as text, with the decimals of the computed number, or up to two more if it is small."""
     if comparison.difference is None:
         return ""
     decimals = _decimals(comparison)

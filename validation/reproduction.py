@@ -55,8 +55,8 @@ SEPARATE = {
     "no decay near the face": 57.53,
     "tip at 5 ms": 48.61,
 }
-"""Critical angles computed by an independent program with 96,000 panels and steps of 1 µs. The first angle is judged by
-the outcome, the others by the depth of the nose tip at 5 ms. [°]"""
+"""Critical angles computed by an independent program with 96,000 panels and steps of 1 µs. For the first, ricochet
+is judged by the outcome; for the others, by the depth of the nose tip at 5 ms. [°]"""
 OPEN_POINTS = paragraphs(
     """
     Where the paper does not say, we had to choose. Each row changes one thing in our reading of it
@@ -87,7 +87,7 @@ CLOSE = 0.03
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choice:
-    """A choice for an input that the paper does not state."""
+    """A choice for something that the paper does not state."""
 
     gap: str
     choice: str
@@ -97,7 +97,7 @@ class Choice:
 
 
 def open_points_section(progress: Progress) -> Section:
-    """Return the section on what the paper leaves open."""
+    """Return the section on inputs that the paper does not state, and their effect on the critical angle."""
     progress("what the paper leaves open")
     choices = _choices()
     answers = critical_angle_many(
@@ -137,7 +137,7 @@ def open_points_section(progress: Progress) -> Section:
 
 
 def _choices() -> list[Choice]:
-    """Return the choices of this project, then others with one change each."""
+    """Return the choices of this project, and then others that differ from them in one point each."""
     solid = mass_properties(PAPER_PROJECTILE)
     moved = [replace(PAPER_PROJECTILE, center_of_gravity=solid.center_of_gravity + shift) for shift in (-0.01, 0.01)]
     turned = [replace(PAPER_PROJECTILE, moment_of_inertia=solid.moment_of_inertia * part) for part in (0.9, 1.1)]

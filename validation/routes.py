@@ -1,7 +1,7 @@
-"""Comparison of the two numerical methods ("routes"), Gauss points and panels, for strikes over the whole input space.
+"""Comparison of the two numerical methods ("routes"), Gauss points and panels, over random strikes of every kind.
 
 Each strike has one combination of the discrete choices of the model, and random sizes, speeds and angles. A new choice
-must be added to `Combination`, so that the table of compared combinations includes it.
+must be added to `Combination`; the table of combinations then includes it.
 """
 
 import itertools
@@ -46,8 +46,8 @@ BODIES = (
     "ogive", "cone", "cap", "flat", "pointed profile", "truncated profile",
     "sphere", "boat-tail", "tapering profile",
 )  # fmt: skip
-"""Shapes of bodies. The first six are named after the nose, the last two after the part behind the widest point; the
-sphere is a whole body."""
+"""Shapes of bodies. The first six are named after the nose, and the last two after the part behind the widest point; a
+sphere has only one part."""
 DECAYS: dict[str, FreeSurface] = {
     "elastic-plastic": ElasticPlastic(),
     "elastic-plastic, inertia": ElasticPlastic(inertia=True),
@@ -65,8 +65,8 @@ SHORT_RAMPS = (0.01, 0.001)
 of the ramp, a shank that rests against the wall of its hole creeps. Over a long path this turns the body by tenths of a
 degree, and moves its last contact with the hole. [1]"""
 GRAZING_DEPTH = 1e-3
-"""Ratio of depth to length below which a contact may lie between two rows of panels; about the spacing of the rows.
-[1]"""
+"""Ratio of the depth of a contact to the length of the body below which the contact may lie between two rows of
+panels. It is about the spacing of the rows with the `FINEST` resolution. [1]"""
 NEAR_THRESHOLD = 3.0
 """Outcomes of the routes may differ if the energy left is within this factor of the retention energy. [1]"""
 SPEED_TOLERANCE, DEPTH_TOLERANCE = 0.01, 0.02
@@ -90,7 +90,7 @@ FINEST = Resolution(256_000, 640.0)
 
 
 class Combination(NamedTuple):
-    """Options of a strike: shape and decay law, and whether it has a wall, crater, plug, angle of attack and spin."""
+    """Choices of a strike: shape, decay law, and whether it has a wall, crater, plug, angle of attack and spin."""
 
     body: str
     wall: bool
@@ -109,14 +109,15 @@ EXTRAS = {
 }
 """Combinations of crater, plug, angle of attack and spin, without and with a wall."""
 STRIDE = 5
-"""Step in `EXTRAS` from one round of cells to the next. It is coprime to the number of extras, so all of them occur."""
+"""Step in `EXTRAS` from one round through `CELLS` to the next. It is coprime to the lengths of `EXTRAS`, so every
+combination occurs."""
 COMBINATIONS = tuple(Combination(*cell, *extras) for cell in CELLS for extras in EXTRAS[cell[1]])
 FULL_TABLE = len(CELLS) * len(EXTRAS[True])
 """Number of strikes after which every combination has occurred."""
 
 
 class End(NamedTuple):
-    """Result of a run that is compared between the routes."""
+    """The part of the result of a run that is compared between the routes."""
 
     outcome: Outcome
     energy: float
@@ -145,7 +146,7 @@ class Strike:
     resistance: Resistance
 
     def end(self, numerics: Numerics = USUAL, ramp_share: float = 1.0) -> End:
-        """Return the result of the strike; `ramp_share` is a factor on the ramp velocity of the static stress."""
+        """Return the result of the strike; `ramp_share` multiplies the ramp velocity of the static stress."""
         prepared, run = self.run(numerics, ramp_share)
         body = prepared.model.body
         outcome = OUTCOMES[run.end]
@@ -175,7 +176,7 @@ class Strike:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """A strike computed by both routes, and their difference."""
+    """A strike, its results by both routes, and their difference."""
 
     number: int
     strike: Strike
@@ -200,8 +201,9 @@ def random_strikes(count: int, seed: int) -> Iterator[Strike]:
 
     Diameter 5 to 250 mm, shank of 1 to 8 diameters, velocity 30 to 900 m/s and walls of 0.2 to 6 diameters, evenly in
     their logarithms; mean density 3000 to 12,000 kg/m³; concrete of 10 to 150 MPa and 1900 to 2600 kg/m³; oblique angle
-    0° to 85°, one in eight of them 0; attack up to 5° and spin up to a tenth of the speed over the length, either way;
-    strength factor 3 to 15, inertia factor 0 to 1.5, crater of 0.5 to 3 diameters, plug of 40° to 75°.
+    0° to 85°, but 0° for one strike in eight; angle of attack up to 5° and spin up to a tenth of speed over length,
+    with either sign; strength factor 3 to 15, inertia factor 0 to 1.5, crater of 0.5 to 3 diameters, plug of 40° to
+    75°.
     """
     random = np.random.default_rng(seed)
     for number in range(count):
@@ -278,7 +280,7 @@ def _random_nose(shape: str, radius: float, random: np.random.Generator) -> Nose
 
 
 def compare(number: int, strike: Strike) -> Comparison:
-    """Compare both routes; if they differ, refine the panels, then shorten the ramp, then use the finest panels."""
+    """Compare both routes; as long as they differ, refine the panels, shorten the ramp, and use the finest panels."""
     adaptive, explained = strike.end(), ""
     sharp = adaptive
     panels = strike.end(_panel_numerics(strike, adaptive, COARSE))
@@ -310,10 +312,10 @@ def compare(number: int, strike: Strike) -> Comparison:
 
 
 def _grazes(strike: Strike, adaptive: End, panels: End) -> bool:
-    """Return whether the routes agree until the panels lose contact, and all later contact is shallow.
+    """Return whether the routes agree until the panels lose contact, with the body barely in the concrete at that time.
 
-    With a hundred thousand panels the rows are a thousandth of the length apart. An edge that is less deep has Gauss
-    points, which are placed on the part of the surface below the face, but no panel centre in the concrete.
+    With a hundred thousand panels the rows are a thousandth of the length apart. An edge that is less deep contains no
+    panel centre, but it contains Gauss points, which are placed on the part of the surface below the face.
     """
     if adaptive.speed is None or panels.speed is None or panels.time >= adaptive.time:
         return False
@@ -325,10 +327,10 @@ def _grazes(strike: Strike, adaptive: End, panels: End) -> bool:
 
 
 def _panel_numerics(strike: Strike, adaptive: End, resolution: Resolution) -> Numerics:
-    """Return numerics with a resolution, and a termination time within `MOST_STEPS` steps.
+    """Return numerics with this resolution, and a termination time of at most `MOST_STEPS` steps.
 
-    Fixed steps do not always detect rest, so a body that comes to rest in the target by the adaptive method is followed
-    for at most 1.5 times as long.
+    Fixed steps do not always detect rest. A body that is embedded by the adaptive method is therefore followed for at
+    most 1.5 times as long as that run took.
     """
     velocity = strike.impact.velocity
     step = strike.projectile.diameter / velocity / resolution.steps

@@ -23,11 +23,11 @@ from solver.formulas import Limit
 
 SPHERE: Final = Projectile(nose=Sphere(), diameter=0.0206, length=0.0206, mass=0.0359)
 DEPTHS: Final[Mapping[float, tuple[float, ...]]] = {29.7e6: (0.052, 0.054), 55.8e6: (0.067, 0.069)}
-"""Printed depths of four shots by strength of the concrete; only the range of their speeds is known. [Pa, m]"""
+"""Printed depths of four shots, by strength of the concrete. Only the range of their speeds is known. [Pa, m]"""
 VELOCITIES: Final = (350.0, 1283.0)
-"""Slowest and fastest shot of the series. [m/s]"""
+"""Lowest and highest speed in the series. [m/s]"""
 SCABBED: Final = (859.0, 925.0)
-"""Fastest shot that did not scab a slab of 140 mm and 29.7 MPa, and slowest shot that did. [m/s]"""
+"""Highest speed at which a slab of 140 mm and 29.7 MPa did not scab, and lowest at which it did. [m/s]"""
 SCABBED_SLAB: Final = 0.14
 THIN_SLAB: Final = 0.07
 """Thickness of the thin slab. [m]"""
@@ -44,17 +44,17 @@ FASTEST: Final = 5000.0
 
 
 def concrete(strength: float, thickness: float | None = None) -> Target:
-    """Return concrete of this strength with an assumed density, of infinite thickness by default. [Pa, m]"""
+    """Return concrete of this strength [Pa] with an assumed density; without a thickness [m] it is a half-space."""
     return Target(compressive_strength=strength, density=2300.0, thickness=thickness)
 
 
 def model_depth(strength: float, velocity: float, resistance: Resistance) -> float:
-    """Return the depth by the model in thick concrete. [m]"""
+    """Return the depth of the sphere in a half-space, by the model. [m]"""
     impact = Impact(velocity=velocity, oblique_angle=0.0)
     run = simulate(
         projectile=SPHERE, target=concrete(strength), impact=impact, resistance=resistance, sample_interval=None
     )
-    return run.maximum_depth or 0.0  # It is not None, because thick concrete is not perforated.
+    return run.maximum_depth or 0.0  # It is not None, because a half-space is not perforated.
 
 
 def formula_values(strength: float, velocity: float, limit: Limit) -> Mapping[str, float]:
@@ -100,7 +100,7 @@ def wall_speeds(strength: float) -> Mapping[str, float | None]:
 
 
 def spread(values: Sequence[float], factor: float = 1.0) -> str:
-    """Return the range of some values as text."""
+    """Return the range of some values, times a factor, as text."""
     return f"{factor * min(values):.0f} to {factor * max(values):.0f}"
 
 

@@ -38,7 +38,7 @@ VELOCITIES = np.linspace(200.0, 400.0, 41)
 PRINTED_DEPTH = 0.005
 """Half a unit in the last digit of a depth in Table 1. [m]"""
 FIRED_DIAMETER = 0.0762
-"""Diameter of the projectiles behind Table 1. [m]"""
+"""Diameter of the projectiles fired in the tests of Table 1, according to other publications. [m]"""
 
 
 def depth_section(progress: Progress) -> Section:
@@ -97,7 +97,7 @@ def fit(
     own_masses
         Whether to use the measured mass of each shot instead of the mass of the projectile.
     deeper
-        Length to add to every depth. [m]
+        Length added to every depth. [m]
     projectile
         Projectile of the shots.
     """

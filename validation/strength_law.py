@@ -1,4 +1,4 @@
-"""The law of S from depth tests in 68 articles: rows used, a mixed model, and predictions for unseen series."""
+"""The law of S fitted to a compilation of 68 articles: rows used, a mixed model, and predictions for unseen series."""
 
 import math
 import re
@@ -132,7 +132,7 @@ COVARIATES: Mapping[str, Callable[[DepthShot], float]] = {
     "sectional mass": lambda shot: shot.mass / shot.diameter**3 / 2e4,
     "target size": lambda shot: math.sqrt(shot.area) / shot.diameter / 20.0 if shot.area else 1.0,
 }
-"""Quantities on which S may depend by a power law. A target of unknown size counts as one of the usual size."""
+"""Quantities on which S may depend by a power law. A target of unknown size counts as 20 diameters wide."""
 CHOSEN = ("strength", "diameter")
 
 
@@ -144,7 +144,7 @@ def design(shots: Sequence[DepthShot], names: Sequence[str]) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MixedModel:
-    """The model ``ln S = X b + series + shot`` with normal effects of series and shot."""
+    """The model ``ln S = X b + series + shot``, in which the effects of series and shot are normally distributed."""
 
     coefficients: FloatArray
     """Coefficients b."""
@@ -196,7 +196,7 @@ def fit_mixed(values: FloatArray, matrix: FloatArray, groups: Sequence[object]) 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeriesScatter:
-    """Scatter of ln S about a law, as in `PublishedTests`: Student's distributions between and within series."""
+    """Scatter of ln S about a law, with Student's distributions between and within series, as in `PublishedTests`."""
 
     between: float
     """Scale between series. [ln]"""
@@ -206,7 +206,7 @@ class SeriesScatter:
     """Degrees of freedom of Student's distributions. [1]"""
 
     def log_density(self, series: Sequence[FloatArray]) -> FloatArray:
-        """Return the logarithm of the joint density of the residuals of each series."""
+        """Return, for each series, the logarithm of the joint density of its residuals."""
         count = np.array([len(each) for each in series], float)
         mean = np.array([each.mean() for each in series])
         squares = np.array([float(((each - each.mean()) ** 2).sum()) for each in series])
@@ -219,7 +219,7 @@ class SeriesScatter:
 
 
 def fit_scatter(series: Sequence[FloatArray], degrees_of_freedom: float = FREEDOM) -> SeriesScatter:
-    """Fit the scales to the residuals of each series by maximum likelihood."""
+    """Fit the two scales to the residuals of all series by maximum likelihood."""
 
     def scatter(logarithms: FloatArray) -> SeriesScatter:
         between, within = np.exp(logarithms).tolist()
@@ -246,7 +246,7 @@ class UnseenSeries:
     scatter: SeriesScatter
 
     def after(self, given: Sequence[int]) -> ShotPrediction:
-        """Return the posterior for the next shot after some shots of the series."""
+        """Return the prediction of the next shot, given the shots with these indices."""
         return predict_shot(
             self.misses[list(given)],
             between=self.scatter.between,
@@ -255,7 +255,10 @@ class UnseenSeries:
         )
 
     def covered_after(self, count: int) -> tuple[float, float]:
-        """Return the fraction of other shots in the 90 % interval after `count` shots, and its half width. [1, ln]"""
+        """Return the fraction of the other shots in the 90 % interval, and its half width. [1, ln]
+
+        Both are means over all choices of `count` given shots.
+        """
         covered: list[bool] = []
         widths = []
         for given in combinations(range(len(self.misses)), count):
@@ -291,7 +294,7 @@ def unseen_series(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coverage:
-    """How often the 90 % interval contains shots of unseen series, given some other shots of the series."""
+    """How often the 90 % interval contains shots of an unseen series, given some other shots of that series."""
 
     shots_given: int
     series: int
@@ -305,7 +308,7 @@ class Coverage:
 
 
 def coverage(found: Sequence[UnseenSeries], shots_given: int) -> Coverage:
-    """Return the coverage after a number of shots of the same series."""
+    """Return the coverage, given a number of shots of each series."""
     enough = [each for each in found if len(each.misses) > shots_given]
     shares, widths = zip(*(each.covered_after(shots_given) for each in enough), strict=True)
     others = [len(each.misses) if shots_given == 0 else len(each.misses) - shots_given for each in enough]
@@ -320,14 +323,14 @@ def coverage(found: Sequence[UnseenSeries], shots_given: int) -> Coverage:
 
 @cache
 def chosen_law() -> MixedModel:
-    """Fit the law of strength and diameter to the counted rows."""
+    """Return the law of strength and diameter, fitted to the counted rows."""
     shots = counted_shots()
     return fit_mixed(logarithms(shots), design(shots, CHOSEN), [shot.series for shot in shots])
 
 
 @cache
 def chosen_scatter(degrees_of_freedom: float = FREEDOM) -> SeriesScatter:
-    """Fit the scatter about the law of `chosen_law`."""
+    """Return the scatter about `chosen_law`, fitted to the counted rows."""
     return fit_scatter(chosen_misses(), degrees_of_freedom)
 
 
@@ -340,12 +343,12 @@ def chosen_misses() -> tuple[FloatArray, ...]:
 
 
 def likelihood(degrees_of_freedom: float) -> float:
-    """Return the log-likelihood of `chosen_scatter`."""
+    """Return the log-likelihood of the counted rows with `chosen_scatter`."""
     return float(chosen_scatter(degrees_of_freedom).log_density(chosen_misses()).sum())
 
 
 def law_with_article_71(*, normalised: bool) -> MixedModel:
-    """Fit the law with the rows of article 71 too, as printed or taken as normalised to its 29.9 mm body."""
+    """Fit the law with the rows of article 71 too, with depths as printed or scaled back from its 29.9 mm body."""
     others = [shot for shot in depth_shots() if shot.row in NORMALISED]
     if normalised:
         others = [replace(shot, depth=shot.depth * shot.diameter / NORMALISED_TO) for shot in others]
@@ -361,14 +364,14 @@ def logarithms(shots: Sequence[DepthShot], *, inertia_factor: float = 1.0, crate
 
 @cache
 def coverages(*, by_article: bool) -> tuple[Coverage, ...]:
-    """Return the coverage of the law for unseen series or articles, after no, one and two shots."""
+    """Return the coverage for unseen series, or series of unseen articles, given no, one and two of their shots."""
     shots = counted_shots()
     found = unseen_series(shots, logarithms(shots), CHOSEN, by_article=by_article)
     return tuple(coverage(found, count) for count in range(3))
 
 
 def score(names: Sequence[str], *, inertia_factor: float = 1.0, crater: Crater | None = None) -> tuple[float, float]:
-    """Return the mean log density of depths of unseen articles, and the half width of the interval after one shot."""
+    """Return the mean log density of ln depth in unseen articles, and the half width of the interval after one shot."""
     shots = counted_shots()
     values = logarithms(shots, inertia_factor=inertia_factor, crater=crater)
     found = unseen_series(shots, values, names, by_article=True)
@@ -395,7 +398,7 @@ CANDIDATES: Mapping[str, tuple[Sequence[str], float, Crater | None]] = {
 
 
 def strength_law_section() -> Section:
-    """Return the section on the law of S, its scatter, and coverage of its intervals for unseen series."""
+    """Return the section on the law of S, its scatter, and how often its intervals contain shots of unseen series."""
     shots, law = counted_shots(), chosen_law()
     values = logarithms(shots)
     constant, strength, diameter = law.coefficients.tolist()
@@ -542,9 +545,9 @@ def _series_table(values: FloatArray) -> ReportTable:
 
 
 def paper_range(own_shots: int, law: FreeSurface) -> tuple[float, float, tuple[float, float, float]]:
-    """Return S after some of the paper's own shots, its scale, and critical angles at its 95, 50 and 5 % quantiles. [°]
+    """Return the median and scale of S after some of the paper's shots, and 5, 50 and 95 % quantiles of the angle. [°]
 
-    A larger S gives a smaller critical angle.
+    The angles are those for the 95, 50 and 5 % quantiles of S, because a larger S gives a smaller critical angle.
     """
     own = tuple(Shot(velocity=shot.velocity, depth=shot.depth, mass=shot.mass) for shot in table_1())
     found = OwnTests(shots=own[: max(own_shots, 1)]).posterior(target=PAPER_TARGET, projectile=PAPER_PROJECTILE)

@@ -31,7 +31,7 @@ ANGLES_DEG = (0.0, 30.0)
 SLAB, SLAB_SHOT = 0.178, Projectile(nose=Ogive(caliber_radius_head=3.0), diameter=0.0254, length=0.144, mass=0.5)
 SLAB_STRENGTHS = (48e6, 140e6)
 SLAB_SLOWEST = 300.0
-"""Lowest impact speed for which a residual speed was measured, according to the abstract. [m/s]"""
+"""Lowest impact speed with a measured residual speed, according to the abstract. [m/s]"""
 
 
 def walls_section() -> Section:
