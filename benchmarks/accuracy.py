@@ -1,14 +1,15 @@
-"""Error of critical angles with default settings, compared with converged ones and with scans, over random strikes.
+"""Errors of critical angles with default settings, compared with converged ones and with scans, over random strikes.
 
     python benchmarks/accuracy.py [--only usual|odd|walls|routes] [--cases N] [--seed 1] [--processes 2] [--output FILE]
 
 `usual`: 200 strikes against searches with converged settings; angles must agree within 0.02°. `odd`: 300 strikes far
-outside the usual range against scans, a fine trajectory every 0.5°; the status must agree, and each change of outcome
-must lie in its cell of the scan. `walls`: 200 usual strikes on walls of 0.5 to 5 diameters against such scans; the
-outcome at each angle must match the interval in the answer. `routes`: 3,000 strikes of every kind by both numerical
-methods, see `validation/routes.py`. Disagreements are printed with inputs and warnings. Exits with 1 if a case fails,
-if status or angle of a usual strike disagree, if more than 1 % of the others disagree or one does so without a warning,
-if the methods differ for no known reason, or if a combination did not occur.
+outside the range of those, against scans with a fine trajectory every 0.5°; the status must agree, and each change of
+outcome must lie between the two angles where the scan has it. `walls`: 200 usual strikes on walls of 0.5 to 5 diameters
+against such scans; the outcome at each angle must match the interval in the answer. `routes`: 3,000 strikes of every
+kind by both numerical methods, see `validation/routes.py`. Disagreements are printed with inputs and warnings.
+
+Exits with 1 if a case fails, if status or angle of a usual strike disagree, if more than 1 % of the others disagree or
+one does so without a warning, if the methods differ for no known reason, or if a combination did not occur.
 """
 
 import argparse
@@ -36,7 +37,7 @@ TOLERATED_DEG = 0.02
 SCAN_DEG = [5.0 + 0.5 * index for index in range(161)]
 """Angles of a scan over the default range of a search. [°]"""
 DOUBTS = {"retention_decides", "retention_decides_perforation", "tumbling", "undecided"}
-"""Codes of the warnings that an angle is uncertain."""
+"""Codes of warnings that say that an angle is uncertain."""
 DISAGREEMENTS = ("error", "status", "first angle", "other crossings", "intervals")
 NEEDS_WARNING = ("status", "first angle", "intervals")
 """Kinds of disagreement that a warning in `DOUBTS` should announce."""
@@ -48,7 +49,7 @@ TOLERATED_SHARE = 0.01
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """Answer to a case with default settings, and the reference."""
+    """The answer to a case with default settings, and the reference for it."""
 
     number: int
     inputs: dict[str, str]
@@ -61,18 +62,18 @@ class Comparison:
     others_deg: list[float]
     reference_others_deg: list[tuple[float, float]]
     doubts: list[str]
-    """Warnings of the search that are in `DOUBTS`."""
+    """Codes of the warnings of the answer that are in `DOUBTS`."""
     wrong_deg: list[float] | None = None
-    """Angles of the scan at which the outcome differs from the interval in the answer. [°]"""
+    """For walls, angles of the scan at which the outcome is not that of the interval in the answer. [°]"""
     confirmed: bool | None = None
-    """True if a fine trajectory 0.02° above the angle is a ricochet, and one 0.04° below it is not."""
+    """Whether a fine trajectory 0.02° above the angle is a ricochet and one 0.04° below is not; None if not tested."""
     cpu_s: float
     paper_cpu_s: float
     """CPU time of the search for the paper's strike, measured right afterwards in the same process. [s]"""
 
     @property
     def difference_deg(self) -> float | None:
-        """Distance of the critical angle from the reference, if both exist. [°]"""
+        """Distance of the critical angle from the interval of the reference; None if there is only one of them. [°]"""
         if self.angle_deg is None or self.reference_deg is None:
             return None
         return max(self.reference_deg[0] - self.angle_deg, self.angle_deg - self.reference_deg[1], 0.0)
@@ -153,7 +154,7 @@ def _holds(interval: OutcomeInterval, angle_deg: float) -> bool:
 
 
 def _outcome(case: Case, angle_deg: float) -> Outcome:
-    """Outcome of a fine trajectory; `in_motion` counts as embedded."""
+    """Return the outcome of a fine trajectory; `in_motion` counts as embedded."""
     strike: dict[str, Any] = dict(case)
     attack = strike.pop("angle_of_attack")
     impact = Impact(velocity=strike.pop("velocity"), oblique_angle=math.radians(angle_deg), angle_of_attack=attack)
@@ -166,7 +167,7 @@ def _turned_away(case: Case, angle_deg: float) -> bool:
 
 
 def _timed(number: int, case: Case) -> tuple[dict[str, Any], CriticalAngle | RicochetError]:
-    """Return the answer with default settings and its time as fields of a comparison, and the answer itself."""
+    """Compute a case with default settings; return the fields of its `Comparison`, and the answer."""
     begin = time.process_time()
     answer = answer_or_error(case)
     middle = time.process_time()
@@ -192,14 +193,14 @@ def _status(answer: CriticalAngle | RicochetError) -> str:
 
 
 def _angles(answer: CriticalAngle | RicochetError) -> tuple[float | None, list[float]]:
-    """Critical angle, and the other angles at which the outcome changes. [°]"""
+    """Return the critical angle, and the other angles at which the outcome changes. [°]"""
     if isinstance(answer, RicochetError):
         return None, []
     return None if answer.angle is None else math.degrees(answer.angle), [*map(math.degrees, answer.other_crossings)]
 
 
 def summarize(rows: list[Comparison]) -> dict[str, Any]:
-    """Return counts, differences and times over all cases, by name."""
+    """Return the rows of the summary, by name: counts, differences and times."""
     differences = [row.difference_deg for row in rows if row.difference_deg is not None]
     counts = Counter(row.disagreement for row in rows)
     paper_s = statistics.median(row.paper_cpu_s for row in rows)
@@ -229,7 +230,7 @@ def passes(kind: str, rows: list[Comparison]) -> bool:
 
 
 def compare_routes(count: int, seed: int, processes: int) -> bool:
-    """Print the table of combinations and every difference between the methods; return whether there is no fault."""
+    """Print the table of combinations and all differences between the methods; return whether there is no fault."""
     strikes = list(random_strikes(count, seed))
     with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"), initializer=warm_up) as pool:
         rows = list(pool.map(routes.compare, range(count), strikes, chunksize=20))
@@ -302,7 +303,7 @@ def main() -> int:
 
 
 def report(title: str, rows: list[Comparison]) -> None:
-    """Print the summary and every disagreement."""
+    """Print the summary of a set, and every disagreement."""
     print(f"# {title}")
     for name, value in summarize(rows).items():
         print(f"{name:38} {value:.4g}" if isinstance(value, float) else f"{name:38} {value}")

@@ -4,11 +4,11 @@
 
 Counts the files in which a function is called, by `sys.setprofile` on every thread of the server and its event loop,
 for a `POST /cra` that is not cached and for a job of three cases, from its submission to its results. Each request is
-first made once with other numbers, so that imports are not counted, and then three times. The run with the fewest
-files is reported, because the others include periodic work of the server. The path is printed file by file: each line
-is a file, in the order of first calls, with the number of times that a function in it was called from another
-file. `--paths` prints every such call. A server that leaves the solver to the workers calls no file of `solver`.
-Workers are other processes and are not counted. Takes a few seconds.
+made once with other numbers, so that imports are not counted, and then three times. The run with the fewest
+files is reported, because the others may include periodic work of the server. Each line of the table is a file, in the
+order of first calls, with the number of times that a call in it followed a call in another file. `--paths` prints the
+file at each of these switches. Workers are other processes and are not counted, so a server that leaves the solver to
+them calls no file of `solver`. Takes a few seconds.
 """
 
 import argparse
@@ -46,9 +46,9 @@ class Recorder:
         self._on = False
 
     def profile(self, frame: FrameType, event: str, _: object) -> None:
-        """Record the file of a called function unless it is the last one recorded; the server's tick is left out.
+        """Record the file of a called function, unless it is the last one recorded.
 
-        Python calls this method, see `sys.setprofile`.
+        `sys.setprofile` registers this method. `on_tick`, which uvicorn calls periodically, is left out.
         """
         code = frame.f_code
         if not self._on or event != "call" or code.co_name == "on_tick":
@@ -58,7 +58,7 @@ class Recorder:
 
     @contextmanager
     def recording(self) -> Iterator[None]:
-        """Record during the block, and delete earlier records."""
+        """Delete earlier records, and record during the block."""
         self.files.clear()
         self._on = True
         yield
@@ -99,7 +99,7 @@ REQUESTS: dict[str, Callable[[int, int], None]] = {"cold POST /cra": query, "job
 
 
 def measure(port: int, recorder: Recorder, found: dict[str, list[str]]) -> None:
-    """Wait for the server in this process, record each request, and end the server."""
+    """Wait until the server in this process is ready, record each request, and end the server."""
     try:
         deadline = time.monotonic() + START_SECONDS
         while True:
@@ -123,7 +123,7 @@ def measure(port: int, recorder: Recorder, found: dict[str, list[str]]) -> None:
 
 
 def serve(recorder: Recorder) -> None:
-    """Run `ricochet serve` in this thread, profiled with every thread that it starts."""
+    """Run `ricochet serve` in this thread, and profile it with all threads that it starts."""
     command, *_ = entry_points(group="console_scripts", name="ricochet")
     main = command.load()
     sys.argv = [command.name, "serve"]

@@ -15,13 +15,13 @@ from solver import Ogive
 
 JSONL = "application/jsonl"
 SHORTEST_PAUSE, LONGEST_PAUSE = 0.01, 0.25
-"""Bounds of the pause between two requests for the state of a job, which is a twentieth of the time since
-its submission. [s]"""
+"""Bounds of the pause between two requests for the state of a job. The pause is a twentieth of the time since the job
+was submitted. [s]"""
 
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """A finished batch: the job, its results as received, and the time from first byte to last result. [s]"""
+    """A finished batch: its job, the results as received, and the time from submission to the last result. [s]"""
 
     job: dict[str, Any]
     results: list[bytes]
@@ -80,7 +80,7 @@ def run_batch(server: Server, path: str, cases: list[dict[str, Any]]) -> Batch:
 
 
 def requests_per_second(port: int, request: bytes, *, connections: int, seconds: float) -> float:
-    """Rate of answers to one request, sent on each connection as soon as the previous answer has arrived."""
+    """Return the rate of answers to a request that each connection repeats as soon as it is answered. [1/s]"""
     count, deadline = 0, time.perf_counter() + seconds
     ends: dict[int, socket.socket] = {}
     with selectors.DefaultSelector() as selector:

@@ -1,9 +1,9 @@
-"""Times and answers of a service with a Dask cluster, compared with the service's own pool.
+"""Times and answers of a service with a Dask cluster, compared with those of a service with its own pool.
 
     python benchmarks/cluster.py [--cases 2000] [--quick]
 
 The same batches go to a service with a pool of two workers, and to one whose batches are computed on a Dask cluster of
-two workers over TCP: critical angles of a study, and short trajectories, in which the overhead of service and cluster
+two workers over TCP: critical angles of a study, and short trajectories, for which the overhead of service and cluster
 is a larger part of the time. All processes share the cores of this machine. Takes about two minutes; `--quick` uses 100
 cases.
 """

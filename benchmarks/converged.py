@@ -14,7 +14,7 @@ from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, TRAJEC
 OBLIQUE_ANGLE_DEG = 45.0
 """Oblique angle of the trajectory that is measured. [°]"""
 DEPTH_TIMES = (5e-4, 1e-3, 2e-3, 3e-3)
-"""Times at which depths of this trajectory are compared, before its end; they are multiples of the first one. [s]"""
+"""Times before the end of this trajectory at which depths are compared. They are multiples of the first. [s]"""
 
 CONVERGED = Numerics(method="adaptive", relative_tolerance=LAST_TOLERANCE / 30.0, stations=24, points=8)
 SCANNED = Numerics(method="adaptive", relative_tolerance=1e-6, stations=24, points=6)
@@ -46,7 +46,7 @@ class References:
 
 
 def compute_references() -> References:
-    """Compute the references, which takes a few seconds."""
+    """Compute the references, in a few seconds."""
     by_tip = Search(method="bisection", relative_tolerance=1e-6)
     return References(
         by_outcome=degrees(paper_critical_angle(numerics=CONVERGED, search=CONVERGED_SEARCH)),
@@ -56,13 +56,13 @@ def compute_references() -> References:
 
 
 def degrees(answer: CriticalAngle) -> float:
-    """Critical angle of an answer, which must have one. [°]"""
+    """Return the critical angle of an answer, which must have one. [°]"""
     assert answer.angle is not None  # noqa: S101 # the paper's strike has one
     return math.degrees(answer.angle)
 
 
 def tip_depths(numerics: Numerics) -> FloatArray:
-    """Depth of the nose tip at `DEPTH_TIMES`. [m]"""
+    """Return the depths of the nose tip at `DEPTH_TIMES`. [m]"""
     interval = DEPTH_TIMES[0]
     motion = paper_trajectory(numerics=numerics, sample_interval=interval).history
     assert isinstance(motion, Motion)  # noqa: S101 # it was requested

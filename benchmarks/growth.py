@@ -3,16 +3,16 @@
     python benchmarks/growth.py [--quick] [--figure growth.svg]
 
 1. Searches a second against threads, up to the cores of this machine. Chunks a second against workers of a Dask
-   cluster; each chunk only sleeps for 0.1 s, so any loss is due to the service and the scheduler.
-2. Memory of the server against queued cases of one job of JSON lines. [MB]
+   cluster; each chunk only sleeps for 0.1 s, so any loss is due to the executor and the scheduler.
+2. Memory of the server against queued cases, which are one job of JSON lines.
 3. Disk usage, time to open the results and time to start the service, against the number of results. The results are
    copies of 200 computed ones under other keys, in segments of 200 like the segments of a job.
 4. Times of `GET /jobs`, of accepting a job and of a start, against the number of jobs. The jobs are copies of one that
    has ended.
 
-A line is fitted to each curve by least squares of the relative errors. If the largest error is more than `TOLERANCE`,
-the table shows where the slope differs most from the initial one. The times in 3 and 4 are the shortest of several
-measurements. Takes about six minutes; `--quick` leaves out the largest sizes and takes two. Needs Linux (/proc).
+A line is fitted to each curve by least squares of the relative errors. If the largest relative error is more than
+`TOLERANCE`, the table shows where the slope differs most from the initial one. The times in 3 and 4 are the shortest of
+several. Takes about six minutes; `--quick` leaves out the largest sizes and takes two. Needs Linux (/proc).
 """
 
 import argparse
@@ -66,7 +66,7 @@ class Curve:
     points: list[tuple[int, float]] = field(default_factory=list)
 
     def line(self) -> tuple[float, float]:
-        """Constant and slope of the line that is fitted by least squares of the relative errors."""
+        """Return constant and slope of the line that is fitted by least squares of the relative errors."""
         sizes, values = np.array(self.points).T
         slope, constant = np.polyfit(sizes, values, 1, w=1.0 / values)
         return float(constant), float(slope)
@@ -87,7 +87,7 @@ class Curve:
 
 
 def least(call: Callable[[], object], times: int) -> float:
-    """Shortest time of several calls. [s]"""
+    """Return the shortest time of several calls. [s]"""
     found = []
     for _ in range(times):
         begin = time.perf_counter()
@@ -117,7 +117,7 @@ def chunks(sizes: Sequence[int]) -> list[Curve]:
 
 
 async def seconds_for_chunks(address: str, workers: int) -> float:
-    """Time in which the workers of a cluster complete `SLEEPS` chunks each, which only sleep. [s]"""
+    """Return the time in which a cluster completes `SLEEPS` chunks for each worker. The chunks only sleep. [s]"""
     executor = DaskExecutor(address=address, workers=1, task_seconds=60.0)
     await executor.start()
     try:
@@ -209,12 +209,12 @@ def results(sizes: Sequence[int]) -> list[Curve]:
 
 
 def bytes_in(folder: Path) -> int:
-    """Disk usage of the files in a folder, in whole blocks."""
+    """Return the disk usage of the files in a folder, in whole blocks. [bytes]"""
     return sum(512 * path.stat().st_blocks for path in folder.rglob("*"))
 
 
 def least_start(folder: Path) -> float:
-    """Shortest time of several starts until a service with this folder is ready. [s]"""
+    """Return the shortest time, of several starts, until a service with this folder is ready. [s]"""
     ready = []
     for _ in range(STARTS):
         begin = time.perf_counter()
@@ -224,7 +224,7 @@ def least_start(folder: Path) -> float:
 
 
 def jobs(sizes: Sequence[int]) -> list[Curve]:
-    """Measure the time to start a service with jobs, to list the newest 200, and to accept one more."""
+    """Measure the times to start a service with this many jobs, to list a page of them, and to accept one more."""
     listing, accepting = Curve("GET /jobs", "ms", "jobs"), Curve("accepting a job", "ms", "jobs")
     start = Curve("start", "s", "jobs")
     [case] = [to_request(each) for each in one_by_one(study_cases(1, 51))]
@@ -256,7 +256,7 @@ FROM jobs JOIN (SELECT * FROM {table} ORDER BY job LIMIT 1) WHERE jobs.number NO
 
 
 def copy_job(path: Path, size: int) -> None:
-    """Copy the first job with its cases until there are `size` jobs."""
+    """Copy the first job, with its cases, until there are `size` jobs."""
     with closing(sqlite3.connect(path)) as database, database:
 
         def columns_of(table: str, *keys: str) -> str:
@@ -270,7 +270,7 @@ def copy_job(path: Path, size: int) -> None:
 
 
 def draw(curves: Sequence[Curve], path: Path) -> None:
-    """Draw every curve with its line; axes are logarithmic if their values span more than a decade."""
+    """Draw every curve with its line. An axis is logarithmic if its values span more than a decade."""
     with styled():
         rows = -(-len(curves) // 3)
         figure, axes = panels(len(curves), rows=rows, height=2.2 * rows)

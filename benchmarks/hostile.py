@@ -2,13 +2,15 @@
 
     python benchmarks/hostile.py [--requests 2000] [--seed 1]
 
-Three quarters of the requests have a hostile body, made from the example of a route in the contract (so that new
-routes are covered) by a change of some kind at a random place; it is as long as the route accepts. The others have a
-hostile header: one that a route declares, or one that the code around the routes reads. Each is sent on a new
-connection, and after each the service reports how long its event loop was blocked meanwhile: in wall time,
-and in processor time of its thread, which other processes on the machine do not affect.
+Three quarters of the requests have a hostile body. It is the example of a route in the contract, so that new routes are
+covered, with a change of some kind at a random place, and about as long as the service accepts for single requests or,
+on half of the requests to routes that accept more, for batches. The other requests have a hostile header: one that a
+route declares, or one that the code around the routes reads. Each request is sent on a new connection. After each, the
+service reports how long its event loop was blocked: in wall time, and in processor time of its thread, which other
+processes on the machine do not affect.
 
-Prints a row for each kind, the longest time first, and the longest of all, which should be below 50 ms. Exits with 1 if
+Prints a row for each kind of change, the longest processor time first, and the longest time of all, which should be
+below 50 ms. Exits with 1 if
 an answer was a 500. Takes about two minutes.
 """
 
@@ -42,14 +44,14 @@ TICK_SECONDS = 0.001
 PATIENCE_SECONDS = 30.0
 """Time after which a service that does not report its blocked time is killed and started again. [s]"""
 SHORT, LONG = 100 * 1024, 1_900_000
-"""Lengths within the limits on the bodies of single requests and of batches. [bytes]"""
+"""Lengths a little below the limits on the bodies of single requests and of batches. [bytes]"""
 HEADERS = {
     *("accept", "accept-encoding", "access-control-request-headers", "access-control-request-method", "authorization"),
     *("connection", "content-encoding", "content-length", "content-type", "cookie", "expect", "forwarded", "host"),
     *("if-modified-since", "if-none-match", "if-range", "origin", "range", "sec-fetch-site", "traceparent", "baggage"),
     *("transfer-encoding", "upgrade", "x-forwarded-for", "x-forwarded-proto", "x-request-id", "mcp-session-id"),
 }
-"""Headers that the service, its libraries or its proxy protocol read, in addition to those that routes declare."""
+"""Headers that the service, its libraries or a proxy read, in addition to those that routes declare."""
 VALUES: dict[str, Callable[[int], bytes]] = {
     "blanks between commas": lambda size: b"," + b" " * size + b",",
     "many blanks between commas": lambda size: b", a" + b" " * (20 * size) + b", ",
@@ -73,7 +75,7 @@ VALUES: dict[str, Callable[[int], bytes]] = {
     "a request in the value": lambda _: b"x\r\nTransfer-Encoding: chunked\r\n",
     "nothing": lambda _: b"",
 }
-"""Functions that return a header value, most of them of about the given size. [bytes]"""
+"""Functions that return a hostile header value; most of the values have about the given size. [bytes]"""
 
 Steps = tuple[str | int, ...]
 NAMES = ("velocity_m_s", "strength_facto", "caliber_radius_heda", "nose_shape", "mas_kg", "lengthh_m")
@@ -85,7 +87,7 @@ def unknown_fields(size: int) -> dict[str, int]:
 
 
 def misspelt_fields(size: int) -> dict[str, int]:
-    """Return fields with misspelt names, for which the service searches for suggestions."""
+    """Return fields with misspelt names, for which the service looks for similar names."""
     return {f"{NAMES[number % len(NAMES)]}{number}": 0 for number in range(size // 24)}
 
 
@@ -106,7 +108,7 @@ OBJECTS: dict[str, Callable[[int], dict[str, Any]]] = {
     "null fields": nulls,
     "unknown objects": lambda size: {f"o{number}": {"a": {}} for number in range(size // 18)},
 }
-"""Functions that return fields of about the given size, to add to an object of a body. [bytes]"""
+"""Functions that return fields of about the given size in all, which are added to an object of a body. [bytes]"""
 LISTS: dict[str, Callable[[int], Any]] = {
     "strings in a list": lambda size: ["a"] * (size // 4),
     "numbers in a list": lambda size: [1] * (size // 2),
@@ -117,7 +119,7 @@ LISTS: dict[str, Callable[[int], Any]] = {
     "an object for a list": lambda size: {str(number): number for number in range(size // 14)},
     "repeated items": lambda size: [1e300, "x", None, {}, []] * (size // 20),
 }
-"""Functions that return a value of about the given size, to replace a list or another value of a body. [bytes]"""
+"""Functions that return a value of about the given size, which replaces a value of a body. [bytes]"""
 SCALARS: dict[str, Callable[[int], Any]] = {
     "a long text": lambda size: "x" * size,
     "a text of escapes": lambda size: "\0" * (size // 6),
@@ -152,12 +154,16 @@ class Attack:
 
 @dataclass(slots=True)
 class Observation:
-    """Statuses of the answers to requests of one kind, and the longest time that the event loop was blocked. [s]"""
+    """Answers to requests of one kind, and how long the event loop was blocked."""
 
     statuses: Counter[int] = field(default_factory=Counter)
+    """Number of answers by status."""
     wall: float = 0.0
+    """Longest wall time for which the event loop was blocked. [s]"""
     cpu: float = 0.0
+    """Longest CPU time for which it was blocked. [s]"""
     place: str = ""
+    """Target of the request that took this CPU time."""
 
 
 class WatchedServer(Server):
@@ -190,7 +196,7 @@ class WatchedServer(Server):
 
 
 def serve(pipe: Connection, port: int, folder: str) -> None:
-    """Run the service; entry point of the process that `Service` starts."""
+    """Run the service in the process that `Service` starts."""
     settings = Settings(data_dir=Path(folder), port=port, workers=1, log_level="error")
     configure_log("error")
     server = WatchedServer(create_app(settings), settings)
@@ -223,7 +229,10 @@ class Service:
         return int(status.split("VmRSS:")[1].split()[0]) / 1024
 
     def longest_block(self) -> tuple[float, float]:
-        """Longest time that the loop was blocked since the last call: wall time, and CPU time of its thread. [s]"""
+        """Return the longest time that the loop was blocked since the last call: wall time, and CPU time. [s]
+
+        If the service does not report in time, it is replaced, and the times are `PATIENCE_SECONDS`.
+        """
         with suppress(BrokenPipeError):
             self._pipe.send("report")
             if self._pipe.poll(PATIENCE_SECONDS):
@@ -252,7 +261,7 @@ def running() -> Iterator[Service]:
 
 
 def bodies_of(contract: dict[str, Any]) -> list[tuple[str, str, str, Any]]:
-    """Return method, path, media type and a valid body of every route with a body."""
+    """Return method, path, media type and a valid body for every route that takes a body."""
     found: list[tuple[str, str, str, Any]] = []
     for path, methods in contract["paths"].items():
         for method, operation in methods.items():
@@ -267,7 +276,7 @@ def bodies_of(contract: dict[str, Any]) -> list[tuple[str, str, str, Any]]:
 
 
 def places_in(part: Any, steps: Steps = ()) -> Iterator[tuple[Steps, Any]]:
-    """Yield every value of a body with the fields and indices that lead to it."""
+    """Yield every value of a body, preceded by the fields and indices that lead to it."""
     yield steps, part
     if isinstance(part, dict | list):
         for step, each in part.items() if isinstance(part, dict) else enumerate(part):
@@ -312,7 +321,7 @@ def body_attack(rng: random.Random, routes: list[tuple[str, str, str, Any]]) -> 
 
 
 def header_attack(rng: random.Random, names: list[str], routes: list[tuple[str, str]]) -> Attack:
-    """Return a request with a hostile header; one in ten has many of them, or a long target."""
+    """Return a request with a hostile header; one in ten has many headers or a long target instead."""
     method, path = rng.choice(routes)
     name, kind = rng.choice(names), rng.choice(list(VALUES))
     size = rng.choice([1_000, 8_000, 16_000, 60_000])

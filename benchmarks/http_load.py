@@ -3,12 +3,12 @@
     python benchmarks/http_load.py [--cases 20000 2000] [--quick]
 
 1. Throughput of a batch of JSON lines, as a fraction of the throughput of a bare process pool. The pool runs `solver`
-   in as many processes as the service has workers. It solves the same cases before and after the batch.
-2. Time of a case of the same batch from the cache, and CPU time of the server, without its workers, for a new case and
-   for a cached one.
+   in as many processes as the service has workers, and solves the same cases before and after the batch.
+2. Time for each case when the same batch is read from the cache, and CPU time of the server, without its workers, for
+   a new case and for a cached one.
 3. Requests to a cached `/cra` that are answered in a second, compared with an empty FastAPI route under uvicorn.
-4. Longest time of `/livez` during the batches. A process polls it every 20 ms all the time, so that bare pool and batch
-   share the cores with it equally.
+4. Longest response time of `/livez` during the batches. A process polls it every 20 ms throughout, so that it uses the
+   cores in the same way while the bare pool and the batch run.
 
 Client, service and workers share this machine. The cases are from a study of one projectile. They are cheaper than
 random ones, so that the overhead of the service is a larger part. Exits with 1 if the angles of pool, batch and cache
@@ -42,7 +42,7 @@ from solver import RicochetError, warm_up
 
 WORKERS = 2
 CHUNK = 25
-"""Number of cases handed to a process of the bare pool at once."""
+"""Number of cases that a process of the bare pool takes at a time."""
 CACHED_RUNS = 3
 POLL_SECONDS = 0.02
 RATE_SECONDS, QUICK_RATE_SECONDS, RATE_ROUNDS = 2.0, 0.3, 3
@@ -74,7 +74,7 @@ def empty_service() -> Iterator[Server]:
 
 
 def solve_bare(pool: ProcessPoolExecutor, cases: list[Case]) -> tuple[list[float | None], float]:
-    """Return critical angles [°] (None where there is none) and the wall time. [s]"""
+    """Solve cases with the bare pool; return their critical angles [°], None where there is none, and the time [s]."""
     begin = time.perf_counter()
     answers = list(pool.map(answer_or_error, cases, chunksize=CHUNK))
     seconds = time.perf_counter() - begin
@@ -83,19 +83,19 @@ def solve_bare(pool: ProcessPoolExecutor, cases: list[Case]) -> tuple[list[float
 
 
 def count_different(angles: list[float | None], results: list[bytes]) -> int:
-    """Number of results of a batch whose critical angle differs by more than rounding."""
+    """Return the number of results of a batch whose critical angle differs by more than rounding."""
     found = [json.loads(line).get("result", {}).get("critical_angle_deg") for line in results]
     return sum(not math.isclose(a or 0.0, b or 0.0, rel_tol=1e-15) for a, b in zip(angles, found, strict=True))
 
 
 def cpu_seconds(pid: int) -> float:
-    """CPU time of a process without its children. [s]"""
+    """Return the CPU time of a process without its children. [s]"""
     user, system = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13]
     return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
 
 
 def measure_batch(server: Server, pool: ProcessPoolExecutor, count: int, seed: int) -> tuple[list[str], int]:
-    """Run a new batch, the bare pool, and the batch from the cache; return a row and the number of differences."""
+    """Run a new batch between two runs of the bare pool, then cached; return a row, and how many results differ."""
     cases = list(one_by_one(study_cases(count, seed)))
     requests = [to_request(case) for case in cases]
     angles, before = solve_bare(pool, cases)
@@ -115,7 +115,7 @@ def measure_batch(server: Server, pool: ProcessPoolExecutor, count: int, seed: i
 
 
 def measure_rates(server: Server, seconds: float) -> list[list[str]]:
-    """Median rates of a cached `/cra` and of an empty route, measured alternately."""
+    """Return rows with the median rates of a cached `/cra` and of an empty route, measured alternately."""
     [paper] = [to_request(case) for case in one_by_one(study_cases(1, 0))]
     known = raw_request("POST", "/cra", json.dumps(paper).encode())
     rows = []

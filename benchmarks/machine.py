@@ -14,7 +14,7 @@ from solver import ENGINE_VERSION
 
 
 def machine() -> dict[str, Any]:
-    """Processor, cores, memory, operating system and load of this machine."""
+    """Return processor, cores, memory, operating system and load of this machine."""
     return {
         "processor": _processor(),
         "cores": os.cpu_count(),
@@ -25,13 +25,13 @@ def machine() -> dict[str, Any]:
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python, of the packages that affect the speed, and of the solver."""
+    """Return the versions of Python, of the packages that affect the speed, and of ricochet and its engine."""
     packages = {name: version(name) for name in ("numpy", "numba", "llvmlite")}
     return {"python": platform.python_version()} | packages | {"ricochet": VERSION, "engine": ENGINE_VERSION}
 
 
 def print_machine() -> None:
-    """Print date, machine and versions. Call this before measuring, so that the load is due to other programs."""
+    """Print date, machine and versions. Call this before a measurement, so that the load is that of other programs."""
     here = machine()
     print(f"{datetime.now(UTC):%Y-%m-%d}, {here['processor']}, {here['cores']} cores, {here['memory_gb']} GB;")
     print(f"{here['os']}; load average before {here['load_average_before']}.")
@@ -46,13 +46,13 @@ def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
 
 
 def spread(values: Sequence[float], unit: str = "") -> str:
-    """Median and, in brackets, extremes of repeated measurements."""
+    """Return the median and, in brackets, the extremes of repeated measurements, as text."""
     low, middle, high = (_digits(value) for value in (min(values), statistics.median(values), max(values)))
     return f"{middle}{unit and f' {unit}'} ({low}-{high})"
 
 
 def time_spread(seconds: Sequence[float]) -> str:
-    """Median and extremes of times, in the unit that suits the median."""
+    """Return the median and the extremes of times as text, in the unit that suits the median."""
     median = statistics.median(seconds)
     unit, scale = ("s", 1.0) if median >= 1.0 else ("ms", 1e3) if median >= 1e-3 else ("µs", 1e6)
     return spread([scale * value for value in seconds], unit)
@@ -63,7 +63,6 @@ def _digits(value: float) -> str:
 
 
 def _processor() -> str:
-    """Name of the processor; only Linux has it in a file."""
     listing = Path("/proc/cpuinfo")
     if listing.exists():
         for line in listing.read_text(encoding="utf-8").splitlines():

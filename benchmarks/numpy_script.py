@@ -1,15 +1,15 @@
 """The method of the source paper in plain NumPy, as a user would write it for a single strike; used as a reference.
 
-12,000 panels over the whole surface, the classical Runge-Kutta scheme with steps of 0.01 ms for 5 ms, and the secant
-search of eq. 8 from 40° and 60° to 1 %. It has no events and does not stop early. SI units; angles of
-incidence in degrees, from the inward normal of the face. Needs NumPy only, and prints JSON:
+It has 12,000 panels over nose and shank, the classical Runge-Kutta scheme with steps of 0.01 ms for 5 ms, and the
+secant search of eq. 8 from 40° and 60° to 1 %. It detects no events, so every trajectory takes the full 5 ms. Units are
+SI, with angles of incidence in degrees from the inward normal of the face. It needs only NumPy, and prints JSON:
 
     python benchmarks/numpy_script.py       # the critical angle
     python benchmarks/numpy_script.py 45    # depths of the nose tip after every step of one trajectory
 
-Part of its time is spent in the operating system, because memory is released and requested again for every array; how
-much depends on the other memory of the process. It is therefore measured in a separate process, as it would be used,
-and the system time is reported.
+Part of its time is spent in the operating system, because memory is released and requested again for every array. How
+much depends on what else the process has allocated. The script is therefore measured in a process of its own, as it
+would be used, and also prints the system time.
 """
 
 import json
@@ -44,14 +44,14 @@ PLASTIC_RATIO = (2.0 * YOUNGS_MODULUS / (3.0 * STRENGTH)) ** (1.0 / 3.0)  # Pois
 
 
 class Panels(NamedTuple):
-    """Arrays over the panels; forward is along the axis to the tip, aside is across it in the plane of motion."""
+    """Arrays over the panels. Forward is along the axis to the tip, and aside is across it in the plane of motion."""
 
     forward: Floats
     aside: Floats
     normal_forward: Floats
     normal_aside: Floats
     cavity: Floats
-    """Distance from the axis to the panel along its normal. [m]"""
+    """Distance from the axis to the panel along the panel's normal. [m]"""
     area: Floats
 
 
@@ -66,13 +66,13 @@ class Body(NamedTuple):
 
 
 def profile(behind_tip: Floats) -> tuple[Floats, Floats]:
-    """Radius and sine of the slope at distances behind the tip. [m, 1]"""
+    """Return the radius and the sine of the slope at distances behind the tip. [m, 1]"""
     sine = np.maximum(NOSE_LENGTH - behind_tip, 0.0) / OGIVE_RADIUS
     return SHANK - OGIVE_RADIUS * (1.0 - np.sqrt(1.0 - sine**2)), sine
 
 
 def build_body() -> Body:
-    """Panels and mass properties of the homogeneous solid."""
+    """Return the panels and the mass properties of the homogeneous solid."""
     disc = LENGTH / 5000
     middle: Floats = disc * (np.arange(5000, dtype=np.float64) + 0.5)
     radius, _ = profile(middle)
@@ -99,7 +99,7 @@ def build_body() -> Body:
 
 
 def decay(ratio: Floats) -> Floats:
-    """Elastic-plastic decay at radius ratios k (eqs. 2-3). [1]"""
+    """Return the elastic-plastic decay at radius ratios k (eqs. 2-3). [1]"""
     deep = 1.0 + 3.0 * math.log(PLASTIC_RATIO)
     elastic = 1.0 - (PLASTIC_RATIO / ratio) ** 3 / deep
     plastic = 3.0 * np.log(ratio) / deep
@@ -107,7 +107,7 @@ def decay(ratio: Floats) -> Floats:
 
 
 def derivative(state: Floats, body: Body, static_stress: float) -> Floats:
-    """Time derivative of depth, lateral position, axis angle and their rates (eqs. 1, 4-6)."""
+    """Return the time derivative of depth, lateral position, axis angle and their rates (eqs. 1, 4-6)."""
     p = body.panels
     depth, _, angle, sinking, sliding, turning = state
     cosine, sine = math.cos(angle), math.sin(angle)
@@ -141,7 +141,7 @@ def derivative(state: Floats, body: Body, static_stress: float) -> Floats:
 
 
 def trajectory(body: Body, oblique_angle_deg: float) -> Floats:
-    """States at the start and after every step, one row each."""
+    """Return the states at the start and after every step, a row for each."""
     factor = 8.469 + 0.0149 * oblique_angle_deg - 0.0013 * oblique_angle_deg**2  # eq. 9
     angle = math.radians(oblique_angle_deg)
     across, along = math.sin(angle), math.cos(angle)
@@ -162,12 +162,12 @@ def trajectory(body: Body, oblique_angle_deg: float) -> Floats:
 
 
 def tip_depth(body: Body, state: Floats) -> Any:
-    """Depth of the nose tip in one state, or in each row of many states. [m]"""
+    """Return the depth of the nose tip in one state, or in each row of many states. [m]"""
     return state[..., 0] + body.tip * np.cos(state[..., 2])
 
 
 def critical_angle(lower_deg: float = 40.0, upper_deg: float = 60.0, tolerance: float = 0.01) -> tuple[float, int]:
-    """Root of the depth of the tip at 5 ms, by the secant of eq. 8, and the number of trajectories. [°, 1]"""
+    """Return the angle at which the tip is at the face after 5 ms, by eq. 8, and the number of trajectories. [°, 1]"""
     body = build_body()
     angles = [lower_deg, upper_deg]
     depths = [float(tip_depth(body, trajectory(body, angle)[-1])) for angle in angles]
@@ -179,7 +179,7 @@ def critical_angle(lower_deg: float = 40.0, upper_deg: float = 60.0, tolerance: 
 
 
 def main() -> None:
-    """Print the answer, and the CPU, wall and system time that it took."""
+    """Print the answer, and the CPU, wall and system times that it took."""
     system, cpu, wall = os.times().system, time.process_time(), time.perf_counter()
     answer: dict[str, Any]
     if sys.argv[1:]:

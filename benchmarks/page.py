@@ -1,8 +1,8 @@
-"""Speed of the page: a reload with a warm cache on a slow line, layout shift, a slider, the verdict on a wall, a map.
+"""Speed of the page: reload with a warm cache on a slow line, layout shift, slider, verdict on a wall, and map.
 
     python -m benchmarks.page
 
-Measured in Chromium, with a service with two workers on the same machine. Takes about a minute.
+Measured in Chromium, against a service with two workers on the same machine. Takes about a minute.
 """
 
 from time import perf_counter
@@ -38,7 +38,7 @@ MAP = "/#/map?x=impact.velocity_m_s,100,400,60&y=projectile.mass_kg,8,20,60"
 
 
 def reloaded(page: Page) -> float:
-    """Return the time from a reload on a slow line until the page shows angle and sentence. [s]"""
+    """Return the time from a reload on a slow line until the page shows the angle and the verdict. [s]"""
     session = page.context.new_cdp_session(page)
     session.send("Network.enable")
     session.send("Network.emulateNetworkConditions", SLOW_LINE)
@@ -50,7 +50,7 @@ def reloaded(page: Page) -> float:
 
 
 def longest_task(page: Page) -> float:
-    """Return the time of the page's longest task since the last call. [ms]"""
+    """Return the duration of the page's longest task since the last call. [ms]"""
     found: float = page.evaluate("Math.max(0, ...window.tasks.splice(0))")
     return found
 

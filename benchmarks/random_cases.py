@@ -1,4 +1,4 @@
-"""Random strikes over the range of the method; the same seed gives the same strikes."""
+"""Random strikes, usual and unusual ones; the same seed gives the same strikes."""
 
 import math
 from collections.abc import Iterator
@@ -63,10 +63,10 @@ class Cases(TypedDict):
 def random_cases(count: int, seed: int) -> Cases:
     """Return `count` strikes. With the same seed, a larger count begins with the same strikes.
 
-    Velocity 100 to 800 m/s, attack -3° to 3°, strength 15 to 90 MPa and density 2100 to 2500 kg/m³ of the concrete;
-    ogives of caliber-radius-head 1.5 to 6, diameter 20 to 150 mm and length 3 to 10 diameters, enough for the longest
-    of these noses (2.4 diameters), homogeneous at 5000 to 9000 kg/m³. The five decay models alternate, and each is
-    combined with both strength factors.
+    Velocity 100 to 800 m/s, angle of attack -3° to 3°; concrete of 15 to 90 MPa and 2100 to 2500 kg/m³; homogeneous
+    ogives of 5000 to 9000 kg/m³, calibre-radius-head 1.5 to 6, diameter 20 to 150 mm and length 3 to 10 diameters,
+    enough for the longest of these noses (2.4 diameters). The five decay laws alternate, and each is combined with both
+    strength factors.
     """
     random = np.random.default_rng(seed)
     return together(_random_case(random, index) for index in range(count))
@@ -75,7 +75,7 @@ def random_cases(count: int, seed: int) -> Cases:
 def study_cases(count: int, seed: int) -> Cases:
     """Return `count` strikes near the paper's, as in a study of one projectile; they cost less than random strikes.
 
-    Velocity 200 to 400 m/s, strength 25 to 55 MPa and density 2100 to 2500 kg/m³ of the concrete, mass 11 to 15 kg.
+    Velocity 200 to 400 m/s, mass 11 to 15 kg, concrete of 25 to 55 MPa and 2100 to 2500 kg/m³.
     """
     random = np.random.default_rng(seed)
     return together(_study_case(random) for _ in range(count))
@@ -114,7 +114,7 @@ def _random_projectile(random: np.random.Generator) -> Projectile:
 
 
 def wall_cases(count: int, seed: int) -> Cases:
-    """Return `count` strikes of `random_cases` on walls of 0.5 to 5 diameters."""
+    """Return the strikes of `random_cases`, on walls of 0.5 to 5 diameters."""
     cases, random = random_cases(count, seed), np.random.default_rng(seed + 1)
     cases["target"] = [
         replace(target, thickness=random.uniform(0.5, 5.0) * projectile.diameter)
@@ -124,11 +124,11 @@ def wall_cases(count: int, seed: int) -> Cases:
 
 
 def odd_cases(count: int, seed: int) -> Cases:
-    """Return `count` strikes far outside the usual range, with every kind of nose and every decay model.
+    """Return `count` strikes from a range far wider than that of `random_cases`, with five kinds of nose.
 
-    Velocity 30 to 900 m/s and diameter 5 to 250 mm, both log-uniform, attack -5° to 5°, strength 10 to
-    150 MPa and density 1900 to 2600 kg/m³ of the concrete; alternating noses with shanks of 1 to 8 diameters,
-    homogeneous at 3000 to 12,000 kg/m³. Decay model and strength factor are chosen at random.
+    Velocity 30 to 900 m/s and diameter 5 to 250 mm, both log-uniform, angle of attack -5° to 5°; concrete of 10 to
+    150 MPa and 1900 to 2600 kg/m³; ogives, cones, caps, flat and profiled noses in turn, shanks of 1 to 8 diameters,
+    homogeneous at 3000 to 12,000 kg/m³. Decay law and strength factor are chosen at random.
     """
     random = np.random.default_rng(seed)
     return together(_odd_case(random, index) for index in range(count))
@@ -166,7 +166,7 @@ def _odd_projectile(random: np.random.Generator, index: int) -> Projectile:
 
 
 def together(cases: Iterator[Case]) -> Cases:
-    """Combine single cases into sequences."""
+    """Combine single cases into the sequences of `Cases`."""
     rows = list(cases)
     return {
         "projectile": [row["projectile"] for row in rows],
@@ -178,7 +178,7 @@ def together(cases: Iterator[Case]) -> Cases:
 
 
 def one_by_one(cases: Cases) -> Iterator[Case]:
-    """Split sequences into single cases."""
+    """Split the sequences of `Cases` into single cases."""
     for row in zip(*cases.values(), strict=True):
         yield Case(**dict(zip(cases, row, strict=True)))  # type: ignore[typeddict-item]
 

@@ -1,11 +1,11 @@
-"""Speed and error of the method `adaptive`, compared with the paper's method in plain NumPy.
+"""Speed and error of the method `adaptive`, compared with the paper's method in plain NumPy and compiled.
 
     python benchmarks/routes.py [--quick] [--repetitions 5]
 
-Compares `numpy_script.py` in its own process, the same panels compiled, and the method `adaptive`, for the critical
-angle of the paper's strike and for one trajectory at 45°. A repetition runs each of them once in rotating order, so
-that slow phases of the machine affect all of them. Ratios are to the script in the same repetition. Takes about a
-minute; `--quick` does one repetition.
+Compares `numpy_script.py` in its own process, the method `panels` with the same grid, and the method `adaptive`, for
+the critical angle of the paper's strike and for one trajectory at 45°. A repetition measures each of them once, in
+rotating order, so that slow phases of the machine affect all of them. CPU ratios are the time of the script over that
+of the method in the same repetition. Takes about a minute; `--quick` does one repetition.
 """
 
 import argparse
@@ -37,7 +37,7 @@ from solver import CriticalAngle, Numerics, Search, warm_up
 from solver.search.critical_angle import PAPER_TERMINATION_TIME
 
 PAPER_PANELS = Numerics(method="panels", termination_time=PAPER_TERMINATION_TIME)
-"""12,000 panels and steps of 0.01 ms, like the script."""
+"""Numerics like those of the script: 12,000 panels, and steps of 0.01 ms until 5 ms."""
 SCRIPT = Path(__file__).with_name("numpy_script.py")
 
 
@@ -51,7 +51,7 @@ class Contender:
     answer: Any = None
 
     def run(self) -> None:
-        """Make one call, and add its time to `timings`."""
+        """Measure the call, and add its time to `timings`."""
         self.timings.append(time_call(self._call))
 
     def _call(self) -> None:
@@ -62,21 +62,21 @@ class Script(Contender):
     """The NumPy script with its arguments; it measures its own time."""
 
     def run(self) -> None:
-        """Run the script once; its answer is the JSON that it prints."""
+        """Run the script once, and add the time that it prints to `timings`."""
         done = subprocess.run([sys.executable, SCRIPT, *self.call()], capture_output=True, check=True)
         self.answer = json.loads(done.stdout)
         self.timings.append(Timing(self.answer["cpu_s"], self.answer["wall_s"]))
 
 
 def times(contender: Contender, script: Contender) -> list[str]:
-    """Return the columns of CPU time, wall time and CPU ratio."""
+    """Return the cells for label, CPU time, wall time and CPU ratio."""
     ratios = [slow.cpu / fast.cpu for slow, fast in zip(script.timings, contender.timings, strict=True)]
     cpu, wall = ([getattr(timing, name) for timing in contender.timings] for name in Timing._fields)
     return [contender.label, time_spread(cpu), time_spread(wall), spread(ratios)]
 
 
 def print_angles(angles: list[Contender], references: References) -> None:
-    """Print times of the critical angle, and its errors by outcome and by the criterion that the search uses."""
+    """Print the times of each search, and its errors by outcome and by the criterion that the search uses."""
     rows = []
     for contender in angles:
         answer = contender.answer
@@ -95,7 +95,7 @@ def print_angles(angles: list[Contender], references: References) -> None:
 
 
 def print_trajectories(trajectories: list[Contender], references: References) -> None:
-    """Print times and errors of the depth of the nose tip."""
+    """Print the times of each trajectory, and the errors of its depth of the nose tip."""
     steps = [round(time / STEP) for time in DEPTH_TIMES]
     adaptive = tip_depths(Numerics())
     depths = [np.array(trajectories[0].answer["tip_depth_m"])[steps], tip_depths(PAPER_PANELS), adaptive, adaptive]

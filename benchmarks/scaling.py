@@ -1,17 +1,19 @@
-"""Gain from a second core: rate at which two workers compute random strikes, compared with one worker.
+"""Gain from a second core: rate at which two workers compute random strikes, over the rate of one worker.
 
     python benchmarks/scaling.py [--quick] [--cases 1000] [--turns 5]
 
 Each turn computes the same strikes with one worker, then with two, and with one again, so that a drift in the speed
-of the machine cancels. The workers are threads of `critical_angle_many`, or processes. A gain below two has two causes:
+of the machine cancels. The workers are threads of `critical_angle_many`, or processes. A gain below two can have two
+causes:
 
-- Workers wait: fewer than two cores are busy. Near the end of a batch one may compute a hard strike for a fifth of
-  a second while the other has none left, which matters little with many strikes.
+- A worker waits, so fewer than two cores are busy. Near the end of a batch one worker may compute a hard strike for a
+  fifth of a second while the other has none left. With many strikes this matters little.
 - The same work takes more CPU time on two cores than on one.
 
-Two other loops, measured in the same way, show how much of the second cause is due to the machine. Neither shares
-memory or the interpreter. One multiplies and adds numbers in the first-level cache, and keeps the arithmetic units of
-its core busy; the other is a short chain of operations in registers, which leaves most of them idle.
+Two loops in threads, measured in the same way, show how much of the second cause is due to the machine, because their
+threads share neither memory nor the interpreter. One loop multiplies and adds numbers in the first-level cache, and
+keeps the arithmetic units of its core busy. The other is a short chain of operations in registers, which leaves most of
+them idle.
 
 A turn takes about 25 s for 1,000 cases; `--quick` computes 20 cases in a single turn.
 """
@@ -33,15 +35,16 @@ from solver import critical_angle_many, warm_up
 
 SEED = 21
 PIECES = 100
-"""Number of pieces into which a loop is divided; threads take them one by one."""
+"""Number of calls into which the work of a loop is divided; threads take them one by one."""
 PIECE_SECONDS = 0.02
+"""Approximate duration of one of these calls. [s]"""
 
 Work = Callable[[int], float]
-"""Function that does the work with a number of workers, and returns the CPU time of other processes for it. [s]"""
+"""Function that does the work with a number of workers, and returns the CPU time of other processes. [s]"""
 
 
 def in_threads(cases: Cases, workers: int) -> float:
-    """Compute the cases in threads of the solver."""
+    """Compute the cases in threads of the solver; the time returned is 0, because no other process works."""
     deque(critical_angle_many(**cases, threads=workers), maxlen=0)
     return 0.0
 
@@ -53,7 +56,7 @@ def in_processes(cases: list[Case], pools: dict[int, ProcessPoolExecutor], worke
 
 
 def cpu_time_of(case: Case) -> float:
-    """CPU time of one case. [s]"""
+    """Compute a case; return its CPU time. [s]"""
     begin = time.process_time()
     answer_or_error(case)
     return time.process_time() - begin
@@ -76,7 +79,7 @@ def in_loops(loop: Callable[[int], float]) -> Work:
 
 @njit(nogil=True)
 def registers(rounds: int) -> float:
-    """Loop over four numbers in registers."""
+    """Run a short chain of operations on four numbers in registers."""
     a, b, c, d = 1.0, 1.1, 1.2, 1.3
     for _ in range(rounds):
         a, b, c, d = 0.9 * a + 0.1, 0.8 * b + 0.2, 0.7 * c + 0.3, 0.6 * d + 0.4
@@ -85,7 +88,7 @@ def registers(rounds: int) -> float:
 
 @njit(nogil=True, fastmath=True)
 def multiply_adds(rounds: int) -> float:
-    """Loop of multiply-adds over 4 kB."""
+    """Multiply and add numbers in 4 kB of memory."""
     numbers = np.ones(512)
     for _ in range(rounds):
         for i in range(numbers.size):
@@ -94,7 +97,7 @@ def multiply_adds(rounds: int) -> float:
 
 
 def measure(work: Work, workers: int) -> Timing:
-    """Return the CPU time of all processes and the wall time. [s]"""
+    """Do the work; return the CPU time of all processes, and the wall time. [s]"""
     cpu, wall = time.process_time(), time.perf_counter()
     elsewhere = work(workers)
     return Timing(time.process_time() - cpu + elsewhere, time.perf_counter() - wall)

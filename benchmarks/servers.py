@@ -1,4 +1,4 @@
-"""The measured service: `ricochet serve` on a free loopback port, with its data folder."""
+"""Servers to measure: `ricochet serve` with its own data folder, or another program, on a free loopback port."""
 
 import os
 import socket
@@ -14,7 +14,7 @@ from pathlib import Path
 
 RICOCHET = Path(sys.executable).with_name("ricochet")
 START_SECONDS = 180.0
-"""Time allowed for a start [s]. The first start on a machine compiles the solver."""
+"""Time allowed for a start, which may compile the solver. [s]"""
 STOP_SECONDS = 20.0
 
 
@@ -28,7 +28,7 @@ def free_port() -> int:
 
 @dataclass
 class Server:
-    """A process that serves HTTP on the loopback interface, which can be killed and started again."""
+    """A process that serves HTTP on the loopback interface. It can be killed and started again."""
 
     command: Sequence[str | Path]
     port: int
@@ -37,7 +37,7 @@ class Server:
     environment: dict[str, str]
     """Environment variables in addition to those of this process."""
     ready: str
-    """Path that is answered with 200 once the server is ready."""
+    """Path that the server answers with 200 when it is ready."""
     _process: "subprocess.Popen[bytes] | None" = None
 
     @property
@@ -58,7 +58,7 @@ class Server:
         Raises
         ------
         RuntimeError
-            If the server ends, or is not ready in time.
+            If the server ends, or is not ready within `START_SECONDS`.
         """
         with self.log.open("ab") as log:
             self._process = subprocess.Popen(
@@ -81,7 +81,7 @@ class Server:
             self._process.wait()
 
     def stop(self) -> int:
-        """Stop the server with SIGTERM; return its exit status."""
+        """Stop the server with SIGTERM; return its exit status, or 0 if it was never started."""
         if self._process is None:
             return 0
         self._process.terminate()
@@ -90,7 +90,7 @@ class Server:
 
 @contextmanager
 def service(folder: Path | None = None, **settings: str) -> Iterator[Server]:
-    """Run the service with two workers and an empty data folder, or with `folder`/data.
+    """Run the service during the block, with two workers and a new data folder, or with the folder `folder`/data.
 
     `settings` are RICOCHET_... variables in lower case, without the prefix.
     """

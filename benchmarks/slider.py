@@ -1,9 +1,9 @@
-"""Time of a step of a slider in the page, from the event until Chromium shows the new picture and the right angle.
+"""Time that a step of a slider takes, from its event until Chromium shows the new picture and the right angle.
 
     python benchmarks/slider.py [--quick]
 
-The times are measured in the page. All values differ, so none is cached by the service. Takes about a minute; `--quick`
-does ten steps.
+The times are measured in the page. All values differ, so the service has no answer cached. Takes about a minute;
+`--quick` does ten steps.
 """
 
 import argparse
@@ -37,7 +37,7 @@ SLIDE = """async value => {
 
 
 def step(page: Page, url: str, speed: float) -> tuple[float, float, int]:
-    """Return the times until picture and right angle [ms], and the number of outdated angles shown as if current."""
+    """Move the slider; return the times [ms] until picture and right angle, and the number of unmarked wrong angles."""
     picture, shown = page.evaluate(SLIDE, speed)
     answer = httpx.post(f"{url}/cra", json=PAPER | {"impact": {"velocity_m_s": speed}}, trust_env=False).json()
     times = [time for angle, time in shown if angle == f"{answer['critical_angle_deg']:.1f}°"]
@@ -50,7 +50,7 @@ def chromium() -> Iterator[Browser]:
     executable = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
     if executable is None:
         raise SystemExit("no browser found: install Chromium")
-    sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []  # Chromium does not start as root with its sandbox
+    sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []  # As root, Chromium does not start with its sandbox.
     with sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=executable, args=[OFFLINE, *sandbox])
         yield browser

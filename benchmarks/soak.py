@@ -1,14 +1,16 @@
-"""Soak test: no result is lost or changed and memory does not grow, under a mixed load with kills and restarts.
+"""Soak test: under a mixed load with kills and restarts, no result is lost or changed, and memory does not grow.
 
     python benchmarks/soak.py [--minutes 20]
 
 Two owners submit batches and sweeps, partly of cached cases, read them by cursor, by events and as files, cancel jobs,
-and send single queries and invalid bodies, all at the same time. In the first half of the time a worker is killed, the
-server is killed, stopped, or killed and its index removed, in turn. In the second half nothing is disturbed: rounds of
-load end with a pause, in which memory (without mapped files) and open files are measured.
+and send single queries and invalid bodies, all at the same time. In the first half of the time, one after another, the
+server is killed, a worker is killed, the server is stopped, and the server is killed and its index removed. In the
+second half nothing is disturbed: rounds of load end with a pause, in which memory (without mapped files) and open files
+are measured.
 
-Every answer to a case must be the same for every reader, at any time and in any format. At the end every job is read
-once more, a sample is computed by the solver, and `ricochet cache verify` reads the files. Exits with 1 if anything was
+Every JSON answer to a case must be the same for every reader and at any time; CSV and HDF5 files must have a row for
+each case. At the end every job is read once more, a sample is computed by the solver, and `ricochet cache verify` reads
+the files. Exits with 1 if anything was
 wrong or if, after at least `JUDGED_MINUTES`, memory grew by more than 10 % from the median of the first third of the
 rounds to the median of the last third. A single round may end while the C library still holds memory of a download or a
 chunk, which is not growth; the largest round is printed as well. Needs Linux (/proc).
@@ -54,7 +56,7 @@ GROWTH = 0.1
 MALLOC = {"MALLOC_ARENA_MAX": "2", "MALLOC_TRIM_THRESHOLD_": "131072"}
 """Settings of malloc, the same as in the container image and the systemd unit."""
 WARM_UP_SHARE = 0.2
-"""Fraction of the undisturbed rounds that pass before memory is compared. [1]"""
+"""Fraction of the undisturbed rounds that are a warm-up; memory is compared from the last of these on. [1]"""
 ROUND_SECONDS, SETTLE_SECONDS = 30.0, 3.0
 PATIENCE_SECONDS = 120.0
 """Time allowed for an answer while the server restarts on a busy machine. [s]"""
@@ -66,7 +68,7 @@ SAMPLE = 300
 PAUSE_SECONDS = 0.1
 UNFINISHED = {"accepted", "running"}
 MEMORY_CACHE_BYTES = 4 * 1024 * 1024
-"""Size of the memory cache, so small that it is full before memory is compared. [bytes]"""
+"""Size of the memory cache. It is so small that the cache is full before memory is compared. [bytes]"""
 STRIKE: dict[str, Any] = {
     "projectile": {"nose": {"shape": "ogive", "caliber_radius_head": 3.0}, "diameter_m": 0.08, "length_m": 0.53}
     | {"mass_kg": 13.0},
@@ -85,13 +87,13 @@ REFUSED = (
 
 
 def search(number: int) -> dict[str, Any]:
-    """Return the request with this number. Its tolerance is 1°, but 0.01° in every fourth request."""
+    """Return the request with this number; every fourth one has the default search, the others a rougher one."""
     rough = {"lower_deg": 40.0, "upper_deg": 80.0, "tolerance_deg": 1.0}
     return STRIKE | {"impact": {"velocity_m_s": 230.0 + 1e-3 * number}} | ({"search": rough} if number % 4 else {})
 
 
 def solve(number: int) -> float | None:
-    """Return the answer of the solver to the request with this number. [rad]"""
+    """Return the critical angle that the solver gives for the request with this number. [rad]"""
     rough = Search(lower=math.radians(40.0), upper=math.radians(80.0), tolerance=math.radians(1.0))
     velocity, chosen = 230.0 + 1e-3 * number, rough if number % 4 else Search()
     return critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=velocity, search=chosen).angle
@@ -99,7 +101,7 @@ def solve(number: int) -> float | None:
 
 @dataclass(slots=True)
 class Job:
-    """A submitted job, the names of its cases in order, and its final state."""
+    """A request for a job, the names of its cases in order, and the state of the job."""
 
     path: str
     body: bytes
@@ -109,7 +111,7 @@ class Job:
 
 
 class Record:
-    """Counts, faults, and the first answer to each case, with which later ones are compared."""
+    """Counts, faults, and a digest of the first answer to each case, with which later answers are compared."""
 
     def __init__(self) -> None:
         self.faults: list[str] = []
@@ -119,7 +121,7 @@ class Record:
         self._lock = threading.Lock()
 
     def expect(self, holds: object, fault: str) -> None:
-        """Record a fault unless a condition holds."""
+        """Record and print a fault, unless a condition holds."""
         if not holds:
             self.faults.append(fault)
             print(f"fault: {fault}", file=sys.stderr)
@@ -142,12 +144,12 @@ class Record:
 
 
 class Owner:
-    """A client with an API key that repeats requests that are not answered, or answered with 429 or 503.
+    """A client with an API key. It repeats requests that are not answered, or are answered with 429 or 503.
 
     Parameters
     ----------
     number
-        Number that makes its cases and choices differ from those of other owners.
+        Number of the owner, which makes its cases and choices differ from those of other owners.
     """
 
     def __init__(self, url: str, token: str, number: int, cases: int, record: Record) -> None:
@@ -159,7 +161,7 @@ class Owner:
         self._number, self._sweeps = number, 0
 
     def send(self, method: str, path: str, expected: frozenset[int] = frozenset({200}), **more: Any) -> httpx.Response:
-        """Send a request until its status is neither 429 nor 503; the status must be one of `expected`."""
+        """Send a request until its status is neither 429 nor 503. A status not in `expected` is a fault."""
         deadline = time.monotonic() + PATIENCE_SECONDS
         while time.monotonic() < deadline:
             with suppress(httpx.TransportError):
@@ -201,7 +203,7 @@ class Owner:
         return Job("/trajectory/sweep", body, "application/json", names)
 
     def submit(self, job: Job) -> None:
-        """Submit a job; its idempotency key makes repeated requests return the same job."""
+        """Submit a job with an idempotency key, so that a repeated request returns the same job."""
         token = f"{self._number}-{next(tokens)}"
         headers = {"Content-Type": job.media_type, "Prefer": "respond-async", "Idempotency-Key": token}
         job.state = self.send("POST", job.path, frozenset({202}), content=job.body, headers=headers).json()
@@ -302,7 +304,7 @@ def processes_of(data: Path) -> dict[int, int]:
 
 
 def footprint(data: Path, server: int) -> tuple[float, float, int]:
-    """Memory (without mapped files) of the server, and with its workers [MiB], and the number of open files."""
+    """Return the memory, without mapped files, of the server and of all processes [MiB], and the open files."""
     sizes, files = Counter[int](), 0
     for process in processes_of(data):
         with suppress(OSError):
@@ -314,7 +316,7 @@ def footprint(data: Path, server: int) -> tuple[float, float, int]:
 
 
 def disturb(server: Server, data: Path, choice: random.Random, record: Record, kind: str) -> None:
-    """Disturb the service in one of the ways in `DISTURBANCES`, and restart it if it has ended."""
+    """Disturb the service in one of the ways in `DISTURBANCES`, and restart the server if that ended it."""
     record.counts[kind] += 1
     if kind == "worker killed":
         parents = processes_of(data)
@@ -354,14 +356,14 @@ def run_round(owners: list[Owner], seconds: float, disturbances: list[Callable[[
 
 
 def misses(owner: Owner) -> float:
-    """Number of cases computed (not read from the cache) since the server started."""
+    """Return the number of cases that were computed, not read from the cache, since the server started."""
     lines = owner.get("/metrics").text.splitlines()
     found = [line for line in lines if line.startswith("ricochet_cases_total") and 'cache="miss"' in line]
     return sum(float(line.split()[-1]) for line in found)
 
 
 def read_everything(owners: list[Owner], record: Record) -> None:
-    """Read every job once more, check for missing and additional ones, and compare a sample with the solver."""
+    """Read every job once more, check that no job is missing or new, and compare a sample with the solver."""
     before = misses(owners[0])
     for owner, job in record.jobs:
         state = owner.get(job.state["links"]["self"]).json()
@@ -388,7 +390,7 @@ def read_everything(owners: list[Owner], record: Record) -> None:
 
 
 def run(folder: Path, minutes: float, record: Record) -> list[tuple[float, float, int]]:
-    """Load the service, first with and then without disturbances, and read everything again; return the footprints."""
+    """Load the service with disturbances, then without, and read everything again; return the footprints."""
     half, data = 30.0 * minutes, folder / "data"
     seconds = min(ROUND_SECONDS, half / 3.0)
     environment = os.environ | {"RICOCHET_DATA_DIR": str(data)}
@@ -417,7 +419,7 @@ def run(folder: Path, minutes: float, record: Record) -> list[tuple[float, float
 
 
 def growth(sizes: list[float]) -> float:
-    """Relative growth from the median of the first third to the median of the last third. [1]"""
+    """Return the relative growth from the median of the first third to the median of the last third. [1]"""
     third = max(1, len(sizes) // 3)
     return statistics.median(sizes[-third:]) / statistics.median(sizes[:third]) - 1.0
 

@@ -1,9 +1,10 @@
-"""Time, compilation and memory that a new process needs for its first critical angle.
+"""Time and memory that a new process needs for its first critical angle.
 
     python benchmarks/startup.py [--quick] [--repetitions 5]
 
-Each repetition starts a process with the compiled code on disk, and the command `ricochet cra`, which also computes the
-range of the angle. Without `--quick` one more process starts with an empty cache and compiles everything in about 30 s.
+Each repetition starts a process that loads compiled code from disk, and the command `ricochet cra`, which also computes
+the range of the angle. Without `--quick`, one more process has no compiled code and compiles it, in half a minute or
+more.
 """
 
 import argparse
@@ -35,7 +36,7 @@ COMMAND = """cra --nose ogive --caliber-radius-head 3 --diameter 0.08 --length 0
 
 
 def start(**environment: str) -> dict[str, float]:
-    """Start a process; return its times and memory, and the wall time of the whole process. [s, bytes]"""
+    """Run a process that computes one angle; return its times [s] and its largest resident memory [bytes]."""
     begin = time.monotonic()
     command = [sys.executable, "-c", FIRST_ANSWER]
     done = subprocess.run(command, env=os.environ | environment, capture_output=True, check=True)

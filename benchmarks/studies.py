@@ -1,4 +1,4 @@
-"""Time of the maps of the page, and of a study of uncertainty as a job with each method.
+"""Times of the maps of the page, and of a study of uncertainty that runs as a job, with two methods.
 
     python benchmarks/studies.py [--maps]
 
@@ -40,7 +40,7 @@ PAGE = 1000
 def draw(
     client: httpx.Client, operation: str, case: dict[str, Any], vertical: dict[str, Any], count: int
 ) -> list[object]:
-    """Return name and size of a map, the time until the coarse grid, and the time until every result has been read."""
+    """Compute a map; return its name and size, the time until the coarse grid, and the time until all was read."""
     grid = {"base": case, "axes": [vertical | {"count": COARSE}, SPEEDS | {"count": COARSE}]}
     begun = time.perf_counter()
     answered = client.post(f"/{operation}/sweep", json=grid).raise_for_status().json()["results"]
@@ -59,7 +59,7 @@ def draw(
 
 
 def study(client: httpx.Client, method: str, seed: int) -> list[object]:
-    """Return method, number of samples, and the times of the first curve, the answer, and the cached answer. [s]"""
+    """Run a study; return its method and samples, and the times of first curve, answer and cached answer. [s]"""
     body = STUDY | {"sampling": {"method": method, "seed": seed}}
     begun, first = time.perf_counter(), 0.0
     job = client.post("/cra/uncertainty", json=body, headers={"Prefer": "respond-async"}).json()

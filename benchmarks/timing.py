@@ -12,14 +12,14 @@ from solver import warm_up
 
 
 class Timing(NamedTuple):
-    """CPU time of all threads of the process that does the work, and wall time. [s]"""
+    """CPU time of the processes that do the work, with all their threads, and wall time. [s]"""
 
     cpu: float
     wall: float
 
 
 def time_call(call: Callable[[], object], *, at_least: float = 0.05) -> Timing:
-    """Return the time of one call, averaged over as many calls as take `at_least` seconds."""
+    """Return the time of a call, averaged over repeated calls that take at least `at_least` seconds in all."""
     calls = 0
     cpu, wall = time.process_time(), time.perf_counter()
     while True:
@@ -32,7 +32,7 @@ def time_call(call: Callable[[], object], *, at_least: float = 0.05) -> Timing:
 
 @contextmanager
 def process_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Run a pool during the block, after all its processes have started and loaded the compiled code."""
+    """Run a pool during the block, which begins when all processes have started and loaded the compiled code."""
     with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=warm_up) as pool:
         seen: set[int] = set()
         while len(seen) < workers:
@@ -41,5 +41,5 @@ def process_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def _process_id(_: int) -> int:
-    time.sleep(0.05)  # The pause lets every other process take a call.
+    time.sleep(0.05)  # Meanwhile the other processes take the next calls.
     return os.getpid()

@@ -1,10 +1,10 @@
-"""CPU time against error of the critical angle, for both numerical methods and many settings.
+"""CPU time and error of the critical angle, for both numerical methods with many settings.
 
     python benchmarks/work_precision.py [--quick]
 
-With every setting, the critical angle of the paper's strike is searched by outcome over the default range, to a bracket
-far narrower than the errors, so that times and errors depend only on the method. The reference is finer than any
-setting. Takes about five minutes; `--quick` uses a few fast settings.
+Each search for the critical angle of the paper's strike is by outcome and over the default range, and ends with a
+bracket far narrower than the errors, so that times and errors depend only on the method and its settings. The reference
+has finer settings than all others. Takes about five minutes; `--quick` uses a few fast settings.
 """
 
 import argparse
@@ -33,7 +33,7 @@ TIME_STEPS = (4e-5, 2e-5, 1e-5, 5e-6)
 
 @dataclass(slots=True)
 class Setting:
-    """Settings of a search, with its times and its answer: a row of the table."""
+    """A row of the table: the settings of a search, its times and its answer."""
 
     label: str
     numerics: Numerics
@@ -42,7 +42,7 @@ class Setting:
     trajectories: int = 0
 
     def run(self) -> None:
-        """Measure one search; a coarse setting may find no angle."""
+        """Measure one search. The angle is nan if there is none, as with some coarse settings."""
         begin = time.process_time()
         try:
             answer = paper_critical_angle(numerics=self.numerics, search=Search(tolerance=math.radians(BRACKET_DEG)))
