@@ -1,7 +1,6 @@
 """Entry point of the `ricochet` command.
 
-Its packages are named `service` and `solver`, like those of many other projects, so Python may find another package in
-their place.
+Its packages are called `service` and `solver`, names that other projects use too, so it checks that it imports its own.
 """
 
 import sys
@@ -9,11 +8,11 @@ from importlib.util import find_spec
 from pathlib import Path
 
 PACKAGES = {"service": "cli/outputs.py", "solver": "plausibility.py"}
-"""File by which each package of this project is recognised."""
+"""A file in each package that identifies it as that of ricochet."""
 
 
 def main() -> int:
-    """Run the command, or refuse if Python finds something else in place of a package; return the exit status."""
+    """Run the command, unless Python would import something else in place of a package; return the exit status."""
     for name, known in PACKAGES.items():
         spec = find_spec(name)
         places = list(spec.submodule_search_locations or ()) if spec else []

@@ -1,8 +1,8 @@
-"""Build the clients into `dist`: a Python wheel and an npm package, made from the contract and with its version.
+"""Build the generated clients into `dist`: a Python wheel and an npm package, with the version of the contract.
 
     python clients/build.py [--output dist] [--only python|typescript]
 
-The npm package needs Node.js 20 and an npm registry; without npm only the wheel is built.
+Building the npm package needs Node.js 20 and an npm registry. Without npm only the wheel is built.
 """
 
 import argparse
@@ -49,7 +49,7 @@ def build_package(folder: Path, output: Path, version: str) -> None:
 
 
 def main() -> None:
-    """Build the requested clients for which the tools are installed."""
+    """Build the requested clients; the npm package is left out if npm is not installed."""
     parser = argparse.ArgumentParser(description="Build the clients from the contract.")
     parser.add_argument("--output", type=Path, default=Path("dist"))
     parser.add_argument("--only", choices=["python", "typescript"])

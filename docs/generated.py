@@ -1,6 +1,6 @@
-"""Generated text of the manual: routes, objects, help of the commands, names, warning codes and problem types.
+"""Generated text of the manual: routes, objects, help of the commands, names, codes, problem types, critical angles.
 
-A comment `<!-- generated: NAME -->` in a page is replaced during the build; the pages themselves are not changed.
+The build replaces each comment `<!-- generated: NAME -->` by a text of `TEXTS`. The files of the pages are not changed.
 """
 
 import ast
@@ -32,17 +32,17 @@ BOUNDS = {
 
 
 def filled(page: str) -> str:
-    """Return a page with the generated texts in place of its comments."""
+    """Return a page with generated texts in place of its comments `<!-- generated: NAME -->`."""
     return PLACE.sub(lambda place: TEXTS[place[1]](), page)
 
 
 def contract() -> Any:
-    """Return the committed contract."""
+    """Return the OpenAPI contract that is committed in `openapi`."""
     return json.loads((ROOT / "openapi" / "openapi.json").read_text(encoding="utf-8"))
 
 
 def routes() -> str:
-    """Return the routes of the contract by their tags, as Markdown."""
+    """Return the routes of the contract, grouped by tag, as Markdown."""
     read = contract()
     by_tag: dict[str, list[str]] = {}
     for path, operations in read["paths"].items():
@@ -54,7 +54,7 @@ def routes() -> str:
 
 
 def route(method: str, path: str, operation: dict[str, Any], schemas: dict[str, Any]) -> Iterator[str]:
-    """Yield the heading, description, parameters and responses of one route."""
+    """Yield the heading, description, parameters, body and responses of one route, as Markdown."""
     yield f"({operation['operationId'].replace('_', '-')})="
     yield f"### `{method} {path}`"
     yield prose(operation.get("description", ""))
@@ -92,7 +92,7 @@ def objects() -> str:
 
 
 def described(name: str, schema: dict[str, Any]) -> Iterator[str]:
-    """Yield the heading, description and fields of one object."""
+    """Yield the heading, description and fields of one object, as Markdown."""
     yield f"({target(name)})="
     yield f"## {name}"
     yield prose(schema.get("description", ""))
@@ -118,12 +118,12 @@ def target(name: str) -> str:
 
 
 def link(name: str) -> str:
-    """Return a link to an object."""
+    """Return a Markdown link to an object."""
     return f"[{name}](#{target(name)})"
 
 
 def kind(schema: dict[str, Any]) -> str:
-    """Return the type of a value as text, with links to objects."""
+    """Return the type of a value as Markdown, with links to objects."""
     if "$ref" in schema:
         return link(schema["$ref"].removeprefix(REFERENCE))
     if union := schema.get("oneOf", schema.get("anyOf")):
@@ -146,18 +146,18 @@ def limits(schema: dict[str, Any]) -> str:
 
 
 def first_example(schema: dict[str, Any], schemas: dict[str, Any]) -> Any:
-    """Return the first example of the object in a request body, or None."""
+    """Return the first example of the object that a schema refers to, or None."""
     found = schemas.get(schema.get("$ref", "").removeprefix(REFERENCE), {})
     return next(iter(found.get("examples", ())), None)
 
 
 def prose(text: str) -> str:
-    """Escape a text of the contract for Markdown, in which brackets around units would look like links."""
+    """Escape a text of the contract for Markdown, where brackets around a unit could be read as a link."""
     return text.replace("<", "\\<").replace("[", "\\[")
 
 
 def cell(text: str | None) -> str:
-    """Return a text as a cell of a table."""
+    """Escape a text for a cell of a Markdown table, or return an empty cell for None."""
     return prose(text or "").replace("\n", " ").replace("|", "\\|")
 
 
@@ -179,7 +179,7 @@ def commands() -> str:
 
 
 def names() -> str:
-    """Return the names of inputs, of their choices and of formulas, as Markdown."""
+    """Return the display names of inputs, their choices and formulas, as Markdown."""
     rows = [
         f"| {label} | `{path}` | {', '.join(f'{name}: `{value}`' for value, name in CHOICES.get(path, {}).items())} |"
         for path, label in QUANTITIES.items()
@@ -195,7 +195,7 @@ def warning_codes() -> str:
 
 
 def _codes_in(source: str) -> set[str]:
-    """Return the codes that a module passes to `ModelWarning`, as literals or as names of constants."""
+    """Return the codes that a module passes to `ModelWarning`, either as literals or by constants of the module."""
     tree = ast.parse(source)
     texts: dict[str, set[str]] = {}
     for node in ast.walk(tree):
@@ -224,7 +224,7 @@ def terms() -> str:
 
 
 def problems() -> str:
-    """Return the types of problems with their statuses and titles, as Markdown."""
+    """Return the types of problems, with status and title, as a Markdown table."""
     rows = [(f"`{each.type}`", str(int(each.status)), each.title) for each in problem_types()]
     return table(("type", "status", "title"), rows)
 

@@ -1,6 +1,6 @@
-"""Write the generated tables of docs/operating.md: settings and metrics. With --check, only compare.
+"""Write the generated tables of docs/operating.md, settings and metrics. With --check, only compare them.
 
-Each table is between two comments, the first of which has its name. The rest of the page is written by hand.
+Each table is between two comments, and the first comment names it. The rest of the page is written by hand.
 """
 
 import re
@@ -56,7 +56,7 @@ TABLES = {"settings": settings_table, "metrics": metrics_table}
 
 
 def default(name: str, field: FieldInfo) -> str:
-    """Return the default of a setting; sizes in bytes are repeated in a larger unit."""
+    """Return the default of a setting as Markdown; a size in bytes is repeated in a larger unit."""
     if field.default_factory is not None:
         return (field.default_factory.__doc__ or "").strip().rstrip(".").lower()
     value = field.default
@@ -73,12 +73,12 @@ def default(name: str, field: FieldInfo) -> str:
 
 
 def described(field: FieldInfo) -> str:
-    """Return the description of a setting, without the unit [1] of pure numbers, which looks like a footnote."""
+    """Return the description of a setting, without the unit [1] of plain numbers, which looks like a footnote."""
     return " ".join((field.description or "").replace("[1]", "").split())
 
 
 def bounds(field: FieldInfo) -> str:
-    """Return the bounds or the allowed values of a setting."""
+    """Return the bounds or the allowed values of a setting as Markdown."""
     if get_origin(field.annotation) is Literal:
         return ", ".join(f"`{value}`" for value in get_args(field.annotation))
     if field.annotation is bool:
@@ -110,7 +110,7 @@ def filled(page: str) -> str:
 
 
 def main() -> int:
-    """Write the tables; with --check, return 1 if they are not up to date."""
+    """Write the tables or, with --check, return 1 if they are not up to date."""
     page = PAGE.read_text(encoding="utf-8")
     if "--check" not in sys.argv[1:]:
         PAGE.write_text(filled(page), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Ask a running service for a table of critical ricochet angles: a sweep over speed and concrete, followed as a job.
+"""Request a table of critical ricochet angles from a running service: a sweep over speed and concrete, run as a job.
 
 Start the service with `make serve`, then run `.venv/bin/python examples/batch.py [ADDRESS]`.
 """
@@ -33,14 +33,14 @@ SWEEP = {
 
 
 def submit(client: httpx.Client) -> dict[str, Any]:
-    """Submit the sweep as a job. Without `Prefer`, so little work would be answered at once."""
+    """Submit the sweep as a job. Without `Prefer`, the response to so small a sweep would contain its results."""
     response = client.post("/cra/sweep", json=SWEEP, headers={"Prefer": "respond-async"})
     job: dict[str, Any] = checked(response).json()
     return job
 
 
 def checked(response: httpx.Response) -> httpx.Response:
-    """Return the response; if it is a problem, end the program with its title and detail."""
+    """Return the response or, if it is an error, end the program with the title and detail of the problem."""
     if response.is_error:
         problem = response.json()
         sys.exit(f"{problem['title']}: {problem['detail']}")
@@ -56,7 +56,7 @@ def states(client: httpx.Client, job: dict[str, Any]) -> Iterator[dict[str, Any]
 
 
 def results(client: httpx.Client, job: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """Yield the results in the order of the sweep, requested page by page."""
+    """Yield the results in the order of the sweep; they are requested page by page."""
     query: dict[str, str] | None = {}
     while query is not None:
         page = checked(client.get(job["links"]["results"], params=query)).json()
@@ -73,7 +73,7 @@ def described(item: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    """Submit the sweep, follow its job and print the table."""
+    """Submit the sweep, print the progress of its job and then the table."""
     address = sys.argv[1] if len(sys.argv) > 1 else ADDRESS
     with httpx.Client(base_url=address, timeout=60.0) as client:
         try:

@@ -1,7 +1,7 @@
-"""Sample the distribution of the strength factor from depth tests with emcee (`pip install emcee`), without a service.
+"""Sample the posterior of the strength factor, given depth tests, with emcee (`pip install emcee`).
 
-The tests are from Table 1 of the source paper: normal impact on concrete of 39 MPa. The scatter of the depths about the
-model is unknown and therefore sampled too.
+The tests are those of Table 1 of the source paper: normal impact on concrete of 39 MPa. The scatter of the depths about
+the model is unknown, so it is sampled too. No service is needed.
 """
 
 import emcee
@@ -20,7 +20,7 @@ WALKERS, STEPS, DISCARDED = 12, 300, 100
 
 
 def log_posterior(parameters: FloatArray) -> float:
-    """Return the logarithm of the posterior density of ln S and ln(scatter in metres), up to a constant."""
+    """Return the logarithm of the posterior density, up to a constant; the parameters are ln S and ln(scatter in m)."""
     strength_factor, scatter = np.exp(parameters)
     if not (1.0 < strength_factor < 100.0 and 0.001 < scatter < 0.1):  # The prior is uniform in the logarithms.
         return -np.inf

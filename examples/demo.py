@@ -1,7 +1,8 @@
-"""Request the critical angle and two trajectories of the source paper's case from a new service, each of them twice.
+"""Request the critical angle and two trajectories of the source paper's strike from a new service, each of them twice.
 
-Starts the service on a free port with an empty data folder, sends the requests, prints the answers and stops it. The
-exit status is 0 if angle and outcomes are as expected, and only the repeated requests were answered from the cache.
+The script starts the service on a free port with an empty data folder, sends the requests, prints the answers and stops
+the service. The exit status is 0 if angle and outcomes are as expected, and if the repeated requests, but no others,
+were answered from the cache.
 """
 
 import os
@@ -38,7 +39,7 @@ class DemoError(Exception):
 
 
 def free_port() -> int:
-    """Return a port on which no process listens at present."""
+    """Return a port that is not in use."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
@@ -99,7 +100,13 @@ def service(log: Path, data: Path) -> Iterator[httpx.Client]:
 
 
 def post(client: httpx.Client, path: str, body: dict[str, Any], *, cached: bool) -> tuple[dict[str, Any], float]:
-    """Return the answer to a request and its time [ms]; check whether it came from the cache, as `cached` tells."""
+    """Send a request; return its answer and time [ms].
+
+    Raises
+    ------
+    DemoError
+        If the request fails, or if the answer came from the cache although `cached` is false, or the reverse.
+    """
     begin = time.perf_counter()
     response = client.post(path, json=body)
     elapsed = (time.perf_counter() - begin) * 1e3
@@ -112,7 +119,7 @@ def post(client: httpx.Client, path: str, body: dict[str, Any], *, cached: bool)
 
 
 def ask_critical_angle(client: httpx.Client) -> float:
-    """Print the search for the critical angle; return the angle. [°]"""
+    """Request the critical angle twice, and print its search; return the angle. [°]"""
     body = {"projectile": PROJECTILE, "target": TARGET, "impact": {"velocity_m_s": VELOCITY_M_S}}
     answer, computed = post(client, "/cra", body, cached=False)
     again, cached = post(client, "/cra", body, cached=True)
@@ -130,7 +137,7 @@ def ask_critical_angle(client: httpx.Client) -> float:
 
 
 def ask_trajectory(client: httpx.Client, oblique_angle_deg: float) -> str:
-    """Print one trajectory; return its outcome."""
+    """Request a trajectory twice, and print a summary; return its outcome."""
     impact = {"velocity_m_s": VELOCITY_M_S, "oblique_angle_deg": oblique_angle_deg}
     body = {"projectile": PROJECTILE, "target": TARGET, "impact": impact}
     answer, computed = post(client, "/trajectory", body, cached=False)

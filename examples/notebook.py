@@ -47,8 +47,8 @@ print(f"wrote {side_view}")
 # %% [markdown]
 # ## The critical angle at several speeds, and its standard error
 #
-# The strength factors are from the paper's finite element runs at four angles. The covariance of the polynomial fitted
-# to them gives the critical angle a standard error. It does not include the effects that the warnings describe.
+# The strength factors are those of the paper's Table 2, at four angles. The covariance of the polynomial fitted to them
+# gives the critical angle a standard error. It does not include the effects that the warnings describe.
 
 # %%
 points = [

@@ -1,8 +1,8 @@
-"""Look for known vulnerabilities in the packages of requirements/full.txt; arguments are passed to pip-audit.
+"""Look for known vulnerabilities in the packages of requirements/full.txt. Arguments are passed to pip-audit.
 
-The exit status is 1 if there are any, and 0 if there are none. If the database cannot be reached, that is reported with
-status 0, because work must not depend on another server. With `--strict` the status is also 1 if any package could not
-be looked up.
+The exit status is 1 if there are any, and 0 if there are none. If the database cannot be reached, the script says so
+and ends with status 0, because work must not depend on another server. With `--strict` the status is 1 in that case,
+and also if a package is not in the database.
 """
 
 import json
@@ -16,13 +16,13 @@ LOCK = Path(__file__).with_name("full.txt")
 """Lock file to check; the other lock files of the service are subsets of it."""
 STRICT = "--strict"
 ANSWER_S, ALL_S = 10, 120
-"""Time limits of one answer of the database, and of the whole audit [s]."""
+"""Time limits for an answer of the database, and for the whole audit. [s]"""
 UNREACHABLE = ("requests.exceptions.", "ServiceError", "Could not connect")
-"""Parts of the messages of pip-audit if the database did not answer, or another server answered."""
+"""Texts in the messages of pip-audit that show that the database did not answer, or that another server did."""
 
 
 def ask(folder: Path, arguments: list[str]) -> tuple[list[dict[str, Any]] | None, str]:
-    """Return the entries of the packages in the report of pip-audit (None without a report) and its standard error."""
+    """Return the packages in the report of pip-audit, None if it wrote no report, and its standard error."""
     report = folder / "report.json"
     command = [sys.executable, "-m", "pip_audit", "--requirement", str(LOCK), "--require-hashes", "--disable-pip"]
     command += ["--timeout", str(ANSWER_S), "--progress-spinner", "off", "--format", "json", "--output", str(report)]

@@ -1,7 +1,7 @@
 """Check that Python code and the page use libraries only through their public names.
 
-Modules and attributes whose names begin with an underscore are private: a library may change them in any version. A
-name that a class of the project defines is not reported; ruff's SLF001 checks its use.
+Modules and attributes whose names begin with an underscore are private: a library may change them in any version.
+Names that a class of the project defines are not reported here, because ruff's rule SLF001 checks their use.
 """
 
 import ast
@@ -17,7 +17,7 @@ FOLDERS = ("benchmarks", "clients", "docs", "examples", "requirements", "service
 DOCUMENTED = frozenset({"_exit", "_ipython_display_"})
 """Names with an underscore that the documentation of Python or IPython describes."""
 BY_NAME = frozenset({"getattr", "setattr", "hasattr", "delattr"})
-"""Functions whose second argument is the name of an attribute."""
+"""Functions that take the name of an attribute as an argument."""
 TYPE_IN_QUOTES = re.compile(r"[a-z]\w*(\.\w+)*\._\w+")
 PRIVATE_IN_SCRIPT = re.compile(r"\.(_\w+)")
 MOST_EXCEPTIONS = 5
@@ -25,7 +25,7 @@ MOST_EXCEPTIONS = 5
 
 @dataclass(frozen=True)
 class AllowedUse:
-    """Private names of one library that may be used in some files, and the reason."""
+    """Private names that may be used in some files, and the reason."""
 
     names: frozenset[str]
     paths: tuple[str, ...]
@@ -67,7 +67,7 @@ class Finding:
 
 
 def is_private(name: str) -> bool:
-    """Return whether a name is private; names with two leading underscores are not."""
+    """Return whether a name is private; names that begin with two underscores do not count."""
     return name.startswith("_") and name != "_" and not name.startswith("__") and name not in DOCUMENTED
 
 
@@ -77,7 +77,7 @@ def is_own(module: str) -> bool:
 
 
 def attributes_defined(tree: ast.Module) -> Iterator[str]:
-    """Yield the names that the classes of a file give to methods and attributes."""
+    """Yield the names of methods and attributes that the classes of a file define."""
     for node in ast.walk(tree):
         match node:
             case ast.ClassDef(body=body):
@@ -111,7 +111,7 @@ class PrivateNames(ast.NodeVisitor):
             for keyword in call.keywords
             if keyword.arg is None and isinstance(keyword.value, ast.Name)
         }
-        """Dictionaries that are unpacked into the arguments of a call."""
+        """Names of dictionaries that are unpacked into the arguments of a call."""
         self.visit(tree)
 
     def visit_Import(self, node: ast.Import) -> None:
@@ -129,7 +129,7 @@ class PrivateNames(ast.NodeVisitor):
         self.generic_visit(node)
 
     def visit_Call(self, node: ast.Call) -> None:
-        """Check `getattr(a, "_b")` and `monkeypatch.setattr("a._b", ...)`."""
+        """Check `getattr(a, "_b")`, `monkeypatch.setattr("a._b", ...)` and keyword arguments such as `f(_a=...)`."""
         function = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
         if function in BY_NAME:
             words = (each.value for each in node.args[:2] if isinstance(each, ast.Constant))
@@ -151,7 +151,7 @@ class PrivateNames(ast.NodeVisitor):
             self._note(node, node.value.split("."))
 
     def visit_ClassDef(self, node: ast.ClassDef) -> None:
-        """Check methods that override a method of a library."""
+        """Check that no method overrides a private method of a library."""
         bases = [base for base in (library_class(self.tree, base) for base in node.bases) if base is not None]
         methods = [each for each in node.body if isinstance(each, ast.FunctionDef | ast.AsyncFunctionDef)]
         for method in methods:
@@ -165,7 +165,7 @@ class PrivateNames(ast.NodeVisitor):
 
 
 def library_class(tree: ast.Module, base: ast.expr) -> type | None:
-    """Return the class of a library that an expression for a base class refers to, otherwise None."""
+    """Return the class of a library that an expression for a base class refers to; None if it is not of a library."""
     first, *rest = ast.unparse(base).partition("[")[0].split(".")
     for node in tree.body:
         module, names = "", rest
@@ -191,7 +191,7 @@ def findings_in_python(sources: dict[str, str]) -> list[Finding]:
 
 
 def findings_in_scripts(sources: dict[str, str]) -> list[Finding]:
-    """Return all private names in these files of the page; its own private names begin with #."""
+    """Return all private names in these scripts, whose own private names begin with # and are not matched."""
     return [
         Finding(path, number, found[1])
         for path, text in sources.items()
@@ -208,7 +208,7 @@ def sources(*endings: str) -> dict[str, str]:
 
 
 def main() -> int:
-    """Print private names that are not allowed, and exceptions that are not used; return 1 if there are any."""
+    """Print private names that are not allowed, and faults of the list of exceptions; return 1 if there are any."""
     found = findings_in_python(sources(".py")) + findings_in_scripts(sources(".js", ".ts"))
     wrong = [str(each) for each in sorted(set(found)) if not any(use.covers(each.path, each.name) for use in ALLOWED)]
     wrong += [

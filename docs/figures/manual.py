@@ -1,6 +1,6 @@
 """Draw the figures of the manual into docs/_figures, which is not committed. The build of the manual calls `draw_all`.
 
-The table of terms takes its numbers from here as well, so that table and figure agree.
+The page "The effect of each input on the angle" takes its numbers from `terms` too, so its figure and table agree.
 """
 
 import math
@@ -44,14 +44,14 @@ from solver.uncertainty import RESIDUAL, Lognormal, Normal, Sampling, Uncertain,
 
 FOLDER = Path(__file__).parents[1] / "_figures"
 VELOCITIES, STRENGTHS = np.linspace(200.0, 300.0, 7), np.linspace(30e6, 48e6, 6)
-"""Axes of the map. [m/s, Pa]"""
+"""Values on the axes of the map of the critical angle. [m/s, Pa]"""
 OBLIQUE_ANGLE, ATTACK = math.radians(44.0), math.radians(15.0)
-"""Oblique angle and angle of attack of the drawing; a real angle of attack is much smaller. [rad]"""
+"""Oblique angle and angle of attack in the drawing of the angles. A real angle of attack is much smaller. [rad]"""
 
 
 @cache
 def terms() -> dict[str, dict[str, float]]:
-    """Return critical angles of the paper's strike with one input or law changed at a time, by groups. [°]"""
+    """Return critical angles of the paper's strike with one input or law changed at a time, in groups. [°]"""
     properties = mass_properties(PAPER_PROJECTILE)
     inertia, center = properties.moment_of_inertia, properties.center_of_gravity
 
@@ -159,7 +159,7 @@ def angles(axes: Axes) -> None:
 
 
 def decay(axes: Axes) -> None:
-    """Draw the decay functions against the distance from the face."""
+    """Draw the decay functions against the radius ratio k, which grows with the distance from the face."""
     ratios = np.geomspace(1.0, 50.0, 200)
     for law, label in (
         (ElasticPlastic(), "elastic-plastic (default)"),
@@ -190,7 +190,7 @@ def terms_bars(axes: Axes) -> None:
 
 
 def energy_left(axes: Axes) -> None:
-    """Draw the energy with which the paper's projectile leaves against the oblique angle."""
+    """Draw, over the oblique angle, the energy with which the paper's projectile leaves."""
     degrees = np.arange(47.0, 60.01, 0.25)
     shares = []
     for oblique in degrees:
@@ -229,7 +229,7 @@ def angle_map(axes: Axes) -> None:
 
 
 def probability(axes: Axes) -> None:
-    """Draw the probability of ricochet of the paper's strike, with the scatter stated in the manual."""
+    """Draw the probability of ricochet of the paper's strike, with the distributions of docs/how-to/uncertainty.md."""
     answer = critical_angle_uncertainty(
         projectile=PAPER_PROJECTILE,
         target=PAPER_TARGET,
@@ -251,7 +251,7 @@ def probability(axes: Axes) -> None:
 
 
 def histories(axes: Axes) -> None:
-    """Draw the axis angle against time, just below and just above the critical angle."""
+    """Draw the axis angle against time, for two oblique angles below the critical angle and two above it."""
     for degrees in (45.0, 48.0, 49.0, 55.0):
         impact: Impact = paper_impact(oblique_angle_degrees=degrees)
         motion = simulate(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact).history
@@ -263,7 +263,7 @@ def histories(axes: Axes) -> None:
 
 
 def danger_zone(axes: Axes) -> None:
-    """Draw a plan with the landing point of the tutorial's fragment and the circles around the point of impact."""
+    """Draw a plan of the flight of the tutorial's fragment, with circles for the farthest range and without drag."""
     fragment = Projectile(nose=Spherical(caliber_radius_head=0.5), diameter=0.04, length=0.08, mass=0.65)
     slab = Target(compressive_strength=38e6, density=2400.0)
     impact = Impact(velocity=250.0, oblique_angle=math.radians(70.0))
@@ -299,7 +299,7 @@ FIGURES: dict[str, tuple[Callable[[Axes], None], tuple[float, float]]] = {
 
 
 def draw_all() -> None:
-    """Draw the figures that are missing, or older than the solver or this file."""
+    """Draw the figures that are missing, or older than a file of the solver or this file."""
     FOLDER.mkdir(exist_ok=True)
     sources = [Path(__file__), *(Path(__file__).parents[2] / "solver").rglob("*.py")]
     newest = max(source.stat().st_mtime for source in sources)

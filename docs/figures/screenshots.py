@@ -1,6 +1,6 @@
 """Start a service and take screenshots of its page: every view, wide and narrow, light and dark.
 
-All are written to build/screenshots; the ones that README and manual show are also written to docs/figures.
+They are written to build/screenshots. The views in `SHOWN` are also written to docs/figures.
 """
 
 from pathlib import Path
@@ -18,7 +18,7 @@ SHOWN = {
     "walls-1440-light": ("walls.png", 1240),
     "map-outcomes-1440-light": ("map.png", 1320),
 }
-"""Screenshots for README and manual: file name, and height of the part to show. [px]"""
+"""Screenshots for README and manual: file name, and height of the part that is shown. [px]"""
 SIZES = {1440: 900, 390: 844}
 THEMES: tuple[Literal["light", "dark"], ...] = ("light", "dark")
 MAP = "x=impact.velocity_m_s,150,450,30&y=target.compressive_strength_pa,20000000,60000000,30"
@@ -44,7 +44,7 @@ WAIT_MS = 180_000
 
 
 def fill(page: Page, view: str) -> None:
-    """Fill in a view and wait until it is complete."""
+    """Start the computation of a view, if it has a button for that, and wait until the view is complete."""
     if view.startswith("map"):
         page.get_by_role("button", name="Run").click()
         expect(page.locator("#map-progress")).to_contain_text("cases are computed")
@@ -58,7 +58,7 @@ def fill(page: Page, view: str) -> None:
 
 
 def take(browser: Browser, address: str, width: int, theme: Literal["light", "dark"]) -> None:
-    """Take a screenshot of each view."""
+    """Take a screenshot of each view with this width [px] and theme."""
     context = browser.new_context(
         base_url=address,
         viewport={"width": width, "height": SIZES[width]},
