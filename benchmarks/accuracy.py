@@ -73,7 +73,7 @@ class Comparison:
 
     @property
     def difference_deg(self) -> float | None:
-        """Distance of the critical angle from the interval of the reference; None if there is only one of them. [°]"""
+        """Distance of the critical angle from the interval of the reference; None if either is missing. [°]"""
         if self.angle_deg is None or self.reference_deg is None:
             return None
         return max(self.reference_deg[0] - self.angle_deg, self.angle_deg - self.reference_deg[1], 0.0)

@@ -2,11 +2,11 @@
 
     python benchmarks/hostile.py [--requests 2000] [--seed 1]
 
-Three quarters of the requests have a hostile body. It is the example of a route in the contract, so that new routes are
-covered, with a change of some kind at a random place, and about as long as the service accepts for single requests or,
-on half of the requests to routes that accept more, for batches. The other requests have a hostile header: one that a
-route declares, or one that the code around the routes reads. Each request is sent on a new connection. After each, the
-service reports how long its event loop was blocked: in wall time, and in processor time of its thread, which other
+Three quarters of the requests have a hostile body: the example of a route in the contract (so that new routes are
+covered), changed at a random place or as a whole. It is about as long as the service accepts for a single request, or
+on half of the requests to routes that accept longer bodies, for a batch. The other requests have a hostile header, one
+that a route declares or that the code around the routes reads. Each request is sent on a new connection. After each,
+the service reports how long its event loop was blocked: in wall time, and in processor time of its thread, which other
 processes on the machine do not affect.
 
 Prints a row for each kind of change, the longest processor time first, and the longest time of all, which should be

@@ -216,7 +216,7 @@ class Owner:
             job.state = self.get(job.state["links"]["self"]).json()
 
     def read_pages(self, job: Job) -> None:
-        """Read results by cursor while they are computed."""
+        """Read and compare results by cursor while they are computed."""
         cursor, index = "", 0
         while True:
             page = self.get(f"{job.state['links']['results']}?cursor={cursor}&limit=500").json()
@@ -240,7 +240,7 @@ class Owner:
         return [orjson.loads(line) for line in content.splitlines()]
 
     def read_files(self, job: Job) -> None:
-        """Download a finished job as CSV and as HDF5."""
+        """Download a finished job as CSV and as HDF5, and check the number of rows."""
         path = job.state["links"]["results"]
         table = self.get(path, "text/csv").text
         rows = sum(not line.startswith("#") for line in table.splitlines()) - 1

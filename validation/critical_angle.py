@@ -312,7 +312,7 @@ NEAR = 45.0
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """CPU time that a method takes for the critical angle, in seconds."""
+    """The CPU time in which a method finds the critical angle, with a remark on how it was obtained."""
 
     way: str
     seconds: float

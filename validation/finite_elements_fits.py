@@ -79,14 +79,14 @@ class Calibration:
     later_fits: DecayLawFits
     """Fits to each run until its centre of gravity is deepest, which is later at large angles."""
     by_depth: DepthFit
-    """Fit to the greatest depths in normal impact, which do not depend on the decay law."""
+    """Fit to the greatest depths in normal impact, where the decay law has no effect."""
     alone: Mapping[str, Mapping[float, Mapping[str, Estimate | None]]]
     """S fitted to each quantity alone, by law, oblique angle [°] and quantity; None if undetermined."""
     cpu_seconds: float
     """Processor time of `fits`. [s]"""
 
     def own(self, law: str, *, later: bool = False) -> dict[float, MotionFit]:
-        """Return the fit of each run that determines S with a decay law, by oblique angle. [°]"""
+        """Return the fits with a decay law, by oblique angle [°]; a run that does not determine S is left out."""
         found = (self.later_fits if later else self.fits).laws[law]
         alone = found.alone if found else ()
         return {run.degrees: fit for run, fit in zip(self.runs, alone, strict=False) if fit is not None}

@@ -166,7 +166,7 @@ def _choices() -> list[Choice]:
 
 
 def _by_position(instant: float) -> float:
-    """Return the angle at which the nose tip is at the face at an instant, by the adaptive method. [°]"""
+    """Return the angle at which the nose tip is back at the face at a given time, by the adaptive method. [°]"""
     return _degrees(
         solver.critical_angle(
             projectile=PAPER_PROJECTILE,
