@@ -66,7 +66,7 @@ class Recorder:
 
 
 def case(number: int) -> dict[str, Any]:
-    """Return a case whose speed, and so its key in the cache, depends on the number."""
+    """Return a case whose speed depends on the number, so that each number needs a new computation."""
     [paper] = one_by_one(study_cases(1, 0))
     return to_request({**paper, "velocity": 230.0 + number})
 

@@ -18,7 +18,7 @@ DEPTH_TIMES = (5e-4, 1e-3, 2e-3, 3e-3)
 
 CONVERGED = Numerics(method="adaptive", relative_tolerance=LAST_TOLERANCE / 30.0, stations=24, points=8)
 SCANNED = Numerics(method="adaptive", relative_tolerance=1e-6, stations=24, points=6)
-"""Numerics of trajectories that are needed for their outcome only."""
+"""Numerics for trajectories of which only the outcome is needed."""
 CONVERGED_SEARCH = Search(tolerance=math.radians(0.001))
 CONVERGED_PATH = Numerics(method="adaptive", relative_tolerance=TRAJECTORY_TOLERANCE / 10.0, stations=32, points=16)
 

@@ -132,7 +132,10 @@ def measure_rates(server: Server, seconds: float) -> list[list[str]]:
 
 
 def poll(port: int, pipe: Connection) -> None:
-    """Request `/livez` every `POLL_SECONDS`; answer each message in the pipe with the times since the last one. [s]"""
+    """Request `/livez` every `POLL_SECONDS`, until a message in the pipe is false.
+
+    Each true message is answered with the response times since the one before. [s]
+    """
     connection, times = HTTPConnection("127.0.0.1", port, timeout=60.0), list[float]()
     while True:
         begin = time.perf_counter()
