@@ -54,7 +54,7 @@ NOT_HELD = math.pi / 2.0
 ObliquityShape: TypeAlias = Literal["constant", "equation_9", "finite_elements"]
 """Dependence of S on the oblique angle: none, S(θ)/S(0) of eq. 9, or S(θ)/S(0) fitted to finite element motions with
 the decay law in use."""
-# Each shape is a cubic fitted to the S of 13 oblique and 6 normal finite element runs on two meshes. The S of a run is
+# Each shape is a cubic fitted to the S of 11 oblique and 6 normal finite element runs on two meshes. The S of a run is
 # fitted to its motion up to the greatest depth of the tip. A quadratic would leave twice the misfit with Mohr-Coulomb
 # decay, whose S has a minimum near 48°.
 FINITE_ELEMENT_SHAPES: Mapping[str, tuple[float, ...]] = {

@@ -272,8 +272,8 @@ def obliquity_section(progress: Progress) -> Section:
             same fit gives the printed coefficients to their last digit.
 
             It has one degree of freedom left, rises up to {rises:.0f}° and is used beyond its last point:
-            at the critical angle of {critical:g}° it gives S = {extrapolated:.2f}. The steep end hangs on
-            the one point at 45°.
+            at the critical angle of {critical:g}° it gives S = {extrapolated:.2f}. Beyond 30° the curve
+            depends on the one point at 45°.
 
             Beside it are the S of our own finite element runs, from four depths at 0° as in the paper and
             fitted as in Figures 9 to 11 elsewhere. From 0° to 45° they fall by

@@ -533,12 +533,12 @@ def _series_table(values: FloatArray) -> ReportTable:
     for name in sorted({shot.series for shot in shots}):
         places = [place for place, shot in enumerate(shots) if shot.series == name]
         diameters = sorted({shots[place].diameter * 1e3 for place in places})
-        median = round(math.exp(float(np.mean(values[places]))), 2)
+        mean = round(math.exp(float(np.mean(values[places]))), 2)
         off = round(math.exp(float(np.mean(misses[places]))), 2)
-        rows.append((name[0], name[1] / 1e6, ", ".join(f"{each:g}" for each in diameters), len(places), median, off))
+        rows.append((name[0], name[1] / 1e6, ", ".join(f"{each:g}" for each in diameters), len(places), mean, off))
     return ReportTable(
         name="strength-law-series",
-        caption="Median S of each series, and over that of the law. Articles: `depth_tests_articles.csv`.",
+        caption="Geometric mean of S in each series, and its ratio to the law. Articles: `depth_tests_articles.csv`.",
         columns=("article", "f'c [MPa]", "d [mm]", "shots", "S", "over the law"),
         rows=rows,
     )
