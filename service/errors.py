@@ -258,8 +258,8 @@ def storage_reason(error: Exception) -> str:
     """Return the reason for a disk error without the path, which clients must not see."""
     if is_unsuitable(error):
         return (
-            "its file system cannot share files in memory, which SQLite needs; some network and FUSE file systems cannot: "
-            "put the data folder on a local one"
+            "its file system cannot share files in memory, which SQLite needs; some network and FUSE file systems "
+            "cannot: put the data folder on a local one"
         )
     return (error.strerror if isinstance(error, OSError) else None) or str(error) or type(error).__name__
 

@@ -204,7 +204,7 @@ def _described(
     missing = {each["pointer"] for found in errors.values() for each in found if each["detail"] == MISSING}
     everywhere = {pointer for pointer in missing if not table.gives(pointer)}
     for pointer in sorted(everywhere):
-        yield f"{table.path}: {pointer}: is missing in every row; add a column for it, or set it in a file given by --case"
+        yield f"{table.path}: {pointer}: is missing in every row; add a column for it, or set it in the --case file"
     for number in sorted(errors):
         for each in errors[number]:
             if each["pointer"] not in everywhere:

@@ -206,8 +206,8 @@ def estimate(operation: str, body: RequestBody, url: str) -> bytes:
                     width = reached(now.get("half_width"), now["requested_half_width"])
                     report(now["samples"], now["max_samples"], width)
         except KeyboardInterrupt:
-            where = without_secrets(url)
-            print(f"the job continues; for its results: ricochet jobs results {job['id']} --url {where}", file=sys.stderr)
+            command = f"ricochet jobs results {job['id']} --url {without_secrets(url)}"
+            print(f"the job continues; for its results: {command}", file=sys.stderr)
             raise
         if job["status"] != "successful":
             reason = problem_text(job["problem"]) if "problem" in job else "it was cancelled"

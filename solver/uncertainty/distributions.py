@@ -321,7 +321,9 @@ class LogStudentT:
             reach = abs(math.log(self.median)) + self.scale * abs(self._quantile(TINY))
             finite = reach <= math.log(sys.float_info.max)
             without = "lower" if self.lower is None else "upper"
-            require(finite, f"{FIELD}.{without}", "must be given: such heavy tails exceed the largest floating-point number")
+            require(
+                finite, f"{FIELD}.{without}", "must be given: tails as heavy exceed the largest floating-point number"
+            )
 
     @property
     def dispersion(self) -> float:
