@@ -322,7 +322,7 @@ class LogStudentT:
             finite = reach <= math.log(sys.float_info.max)
             without = "lower" if self.lower is None else "upper"
             require(
-                finite, f"{FIELD}.{without}", "must be given: tails as heavy exceed the largest floating-point number"
+                finite, f"{FIELD}.{without}", "must be given: such tails exceed the largest floating-point number"
             )
 
     @property
