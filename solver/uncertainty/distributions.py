@@ -321,9 +321,7 @@ class LogStudentT:
             reach = abs(math.log(self.median)) + self.scale * abs(self._quantile(TINY))
             finite = reach <= math.log(sys.float_info.max)
             without = "lower" if self.lower is None else "upper"
-            require(
-                finite, f"{FIELD}.{without}", "must be given: such tails exceed the largest floating-point number"
-            )
+            require(finite, f"{FIELD}.{without}", "must be given: such tails exceed the largest floating-point number")
 
     @property
     def dispersion(self) -> float:
