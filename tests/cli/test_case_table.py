@@ -105,13 +105,13 @@ def test_usual_spellings_of_headers_are_accepted(served: Path, capsys: pytest.Ca
                 "\nfields of a case: custom_id, impact.angle_of_attack_deg, ",
             ],
         ),
-        ("angle\n30\n", ["cases.csv:1: column 'angle': is computed by the search; --keep HEADER carries"]),
+        ("angle\n30\n", ["cases.csv:1: column 'angle': is computed by the search; --keep HEADER only copies"]),
         ("velocity,,mass\n238,3,13\n", ["cases.csv:1: column without a name: has cells; --keep"]),
         ("velocity;mass\n238;13\n;13\n", ["cases.csv:3: velocity: the cell is empty\n"]),
         (
             "velocity,mass\n238,0.01\n-1,13\n",
             [
-                "cases.csv: /impact/oblique_angle_deg: is missing in every row; add a column of it",
+                "cases.csv: /impact/oblique_angle_deg: is missing in every row; add a column for it",
                 "cases.csv:3: velocity:",
             ],
         ),

@@ -223,7 +223,7 @@ def test_wall_is_perforated_with_a_probability_and_a_residual_speed() -> None:
         ("impact.speed", "is unknown; expected velocity"),
         ("target", "is no number"),
         ("projectile.nose", "is no number"),
-        ("weather", "is not there"),
+        ("weather", "is unknown"),
         ("impact.oblique_angle", "what a search varies"),
     ],
 )
