@@ -64,9 +64,9 @@ class Comparison:
     doubts: list[str]
     """Codes of the warnings of the answer that are in `DOUBTS`."""
     wrong_deg: list[float] | None = None
-    """For walls, angles of the scan at which the outcome is not that of the interval in the answer. [°]"""
+    """For walls, angles of the scan whose outcome differs from the one that the answer gives for them. [°]"""
     confirmed: bool | None = None
-    """Whether a fine trajectory 0.02° above the angle is a ricochet and one 0.04° below is not; None if not tested."""
+    """Whether a converged run is a ricochet 0.02° above the angle and none 0.04° below it; None if not tested."""
     cpu_s: float
     paper_cpu_s: float
     """CPU time of the search for the paper's strike, measured right afterwards in the same process. [s]"""
@@ -109,7 +109,7 @@ def compare_usual(numbered: tuple[int, Case]) -> Comparison:
 
 
 def compare_odd(numbered: tuple[int, Case]) -> Comparison:
-    """Compare the answer with a scan by fine trajectories."""
+    """Compare the answer with a scan by trajectories with converged settings."""
     number, case = numbered
     found, _ = _timed(number, case)
     reference: dict[str, Any] = {"reference_deg": None, "reference_others_deg": []}
@@ -130,7 +130,7 @@ def compare_odd(numbered: tuple[int, Case]) -> Comparison:
 
 
 def compare_walls(numbered: tuple[int, Case]) -> Comparison:
-    """Compare the intervals of the outcome with a scan by fine trajectories."""
+    """Compare the intervals of the outcome with a scan by trajectories with converged settings."""
     number, case = numbered
     found, answer = _timed(number, case)
     reference: dict[str, Any] = {"reference_deg": None, "reference_others_deg": []}

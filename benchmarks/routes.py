@@ -4,8 +4,8 @@
 
 Compares `numpy_script.py` in its own process, the method `panels` with the same grid, and the method `adaptive`, for
 the critical angle of the paper's strike and for one trajectory at 45°. A repetition measures each of them once, in
-rotating order, so that slow phases of the machine affect all of them. CPU ratios are the time of the script over that
-of the method in the same repetition. Takes about a minute; `--quick` does one repetition.
+rotating order, so that slow phases of the machine affect all of them. CPU ratios are the time of the script divided by
+that of the method in the same repetition. Takes about a minute; `--quick` does one repetition.
 """
 
 import argparse

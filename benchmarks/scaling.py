@@ -1,4 +1,4 @@
-"""Gain from a second core: rate at which two workers compute random strikes, over the rate of one worker.
+"""Gain from a second core: ratio of the rates at which two workers and one worker compute random strikes.
 
     python benchmarks/scaling.py [--quick] [--cases 1000] [--turns 5]
 

@@ -273,7 +273,7 @@ class Owner:
         self.record.counts["jobs cancelled"] += 1
 
     def query(self, stop: threading.Event) -> None:
-        """Send single queries, most of them cached, read histories by their key, and send invalid bodies."""
+        """Send single queries (most of them cached), read histories by their key, and send invalid bodies."""
         for turn in itertools.count():
             if stop.wait(PAUSE_SECONDS):
                 return

@@ -146,11 +146,11 @@ class LimitSettings(SettingsGroup):
     owners."""
     max_owner_queries: Annotated[int, Field(ge=1)] = 100
     """Largest number of single queries of one owner that wait or run, where keys are required. [1] They amount to half
-    a second to some seconds of work."""
+    a second to a few seconds of work."""
     max_waiting_queries: Annotated[int, Field(ge=1)] = 1000
-    """Largest number of single queries that wait for a worker. [1] At 10 ms each they are some seconds of work. When
-    the queue is full, the newest query of the owner with the most waiting queries is evicted in favour of an owner with
-    fewer."""
+    """Largest number of single queries that wait for a worker. [1] At 10 ms each they keep one worker busy for 10 s.
+    When the queue is full, the newest query of the owner with the most waiting queries is evicted in favour of an owner
+    with fewer."""
     queue_seconds: Annotated[float, Field(gt=0.0)] = 30.0
     """Longest time that a single query waits for a worker, shorter than the 60 s after which proxies give up. [s]"""
 

@@ -47,11 +47,11 @@ ENERGY_LEFT = 0.05
 # The stress is computed only up to the release. A part that touches the target again later, mostly the tail, meets
 # concrete that the nose has broken, but that the model treats as intact.
 RELEASED = 1e-6
-"""Acceleration over the largest acceleration so far, at or below which the projectile counts as released. [1]"""
+"""Acceleration relative to the largest acceleration so far, at or below which the projectile counts as released. [1]"""
 # The tolerances allow for values from a drawing, which are rounded to two or three digits.
 CENTER_WITHIN, INERTIA_WITHIN = 0.005, 0.02
 """Largest deviations from a homogeneous solid of the same shape at which the mass still counts as evenly distributed:
-deviation of the centre of gravity over the length, and relative deviation of the moment of inertia. [1, 1]"""
+deviation of the centre of gravity relative to the length, and relative deviation of the moment of inertia. [1, 1]"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +74,7 @@ class Bending:
     """
 
     peak_stress: float
-    """Largest bending stress, in the outermost fibre: the bending moment over the section modulus. [Pa]"""
+    """Largest bending stress, in the outermost fibre: the bending moment divided by the section modulus. [Pa]"""
     time: float
     """Time of the largest bending stress, since first contact. [s]"""
     distance_behind_tip: float

@@ -302,7 +302,7 @@ class _Event:
 
 
 def _path(speed: float, elevation: float, drag: float, height: float) -> _Path:
-    """Integrate one flight to the ground; `drag` is the deceleration over the square of the speed. [1/m]"""
+    """Integrate one flight to the ground; `drag` is the deceleration divided by the square of the speed. [1/m]"""
     climb = speed * math.sin(elevation)
     if height <= 0.0 and climb <= 0.0:
         return _Path(0.0, 0.0, speed, height)

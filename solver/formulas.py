@@ -20,7 +20,7 @@ from solver.target import Target
 from solver.units import number, quantity, with_symbol
 
 NoseClass: TypeAlias = Literal["flat", "blunt", "hemispherical", "sharp"]
-"""Class of a nose, in order of increasing penetration."""
+"""Classes of noses, from least to most penetrating."""
 NDRC_NOSE: Mapping[NoseClass, float] = {"flat": 0.72, "blunt": 1.0, "hemispherical": 1.0, "sharp": 1.14}
 """Nose factor N of the NDRC formula, see `modified_ndrc`. [1]"""
 NDRC_NOSE_NOTE = "nose factor 1.0, on the safe side; some sources give 0.84"
@@ -126,7 +126,7 @@ def spread(results: Iterable[FormulaResult], limit: Limit) -> Spread | None:
 
 
 def nose_class(projectile: Projectile) -> NoseClass:
-    """Return the class of the nose that the formulas use, from its length over the diameter.
+    """Return the class of the nose for the formulas, from the ratio of its length to the diameter.
 
     Notes
     -----
@@ -173,7 +173,7 @@ def kar(*, projectile: Projectile, target: Target, impact: Impact, stiffness_rat
     Parameters
     ----------
     stiffness_ratio
-        Young's modulus of the projectile over that of steel; 1 gives the modified NDRC formula. [1]
+        Young's modulus of the projectile divided by that of steel; 1 gives the modified NDRC formula. [1]
 
     Notes
     -----
@@ -603,7 +603,7 @@ def _normal_velocity(impact: Impact) -> float:
 
 
 def _nose_ratio(projectile: Projectile) -> float:
-    """Return the length of the nose over the diameter. [1]"""
+    """Return the length of the nose divided by the diameter. [1]"""
     return projectile.nose.length(projectile.radius) / projectile.diameter
 
 
@@ -619,14 +619,14 @@ def _ndrc_note(projectile: Projectile) -> str:
 
 
 def _ndrc_depth(g: float) -> float:
-    """Return the penetration over the diameter by the NDRC formula, given G. [1]"""
+    """Return the penetration in diameters by the NDRC formula, given the impact factor G. [1]"""
     return 2.0 * math.sqrt(g) if g <= 1.0 else g + 1.0
 
 
 def _by_ndrc_limits(
     formula: str, projectile: Projectile, ratio: float, *, source: str, verified: bool
 ) -> FormulaResult:
-    """Return a result with Kennedy's limit thicknesses (1976); `ratio` is the penetration over the diameter. [1]"""
+    """Return a result with Kennedy's limit thicknesses (1976); `ratio` is the penetration in diameters. [1]"""
     d = projectile.diameter
     scabbing = 7.91 * ratio - 5.06 * ratio**2 if ratio <= 0.65 else 2.12 + 1.36 * ratio
     perforation = 3.19 * ratio - 0.718 * ratio**2 if ratio <= 1.35 else 1.32 + 1.24 * ratio

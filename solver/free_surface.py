@@ -1,8 +1,9 @@
 """Free-surface decay: the weakening of the resistance by a nearby face (eqs. 2-3).
 
 The stress on an element whose outward normal meets the face is a fraction f of the stress in an infinite target. f is
-the wall pressure of a spherical cavity in a sphere of finite outer radius, over the pressure in an infinite solid. With
-k the outer radius over the cavity radius and y = 1/k its inverse (0 in an infinite solid, 1 at the face),
+the wall pressure of a spherical cavity in a sphere of finite outer radius, divided by the pressure in an infinite
+solid. With k the outer radius divided by the cavity radius and y = 1/k its inverse (0 in an infinite solid, 1 at the
+face),
 
     f = (P(y) + ρ v² Q(y)) / (P(0) + ρ v² Q(0)),
 
@@ -47,7 +48,7 @@ class ElasticPlastic:
     inertia: bool = False
 
     def plastic_ratio(self, target: Target) -> float:
-        """Return the radius of the plastic zone over the radius of the cavity, in an infinite solid. [1]"""
+        """Return the radius of the plastic zone divided by the radius of the cavity, in an infinite solid. [1]"""
         strain_limit = 3.0 * (1.0 - target.poissons_ratio) * target.compressive_strength
         return _plastic_ratio(target, strain_limit)
 
@@ -88,7 +89,7 @@ class MohrCoulomb:
         return (3.0 - self.pressure_hardening) * target.compressive_strength / 3.0
 
     def plastic_ratio(self, target: Target) -> float:
-        """Return the radius of the plastic zone over the radius of the cavity, in an infinite solid. [1]"""
+        """Return the radius of the plastic zone divided by the radius of the cavity, in an infinite solid. [1]"""
         return _plastic_ratio(target, 1.5 * self.cohesion(target))
 
     def static_pressure(self, radius_ratio_inverse: FloatArray, target: Target) -> FloatArray:
@@ -126,7 +127,7 @@ class NoFreeSurface:
         return np.full_like(radius_ratio_inverse, target.compressive_strength, dtype=np.float64)
 
     def inertia_coefficient(self, radius_ratio_inverse: FloatArray, target: Target) -> FloatArray:
-        """Return zero, as this law has no inertia. [1]"""
+        """Return zero: this law has no inertia. [1]"""
         return np.zeros_like(radius_ratio_inverse, dtype=np.float64)
 
 
@@ -175,7 +176,7 @@ def decay_factor(
 
 
 def _plastic_ratio(target: Target, least_modulus: float) -> float:
-    """Return the radius of the plastic zone over the radius of the cavity, in an infinite solid. [1]
+    """Return the radius of the plastic zone divided by the radius of the cavity, in an infinite solid. [1]
 
     Parameters
     ----------
@@ -207,7 +208,7 @@ SHELL_DEGREE = 4
 """Degree of the decay polynomials for k above the corner, where a shell stays elastic."""
 NODES, FROM_NODES = interpolation(DEGREE)
 SHARES = np.arange(SHELL_DEGREE + 1) / SHELL_DEGREE
-"""Interpolation nodes for k above the corner: 1/k over its value at the corner."""
+"""Interpolation nodes for k above the corner: 1/k divided by its value at the corner."""
 FROM_SHARES = np.linalg.inv(np.vander(SHARES, increasing=True))
 """Matrix that turns values at `SHARES` into coefficients, constant first."""
 # Added to a sum of lengths, it avoids 0/0 and is too small to change any other value.

@@ -85,7 +85,7 @@ MOST_STATES = 5
 # The integrand changes little along a short stretch. With half the stations there, a search was 6 % faster and found
 # the same angles.
 SHORT = 0.1
-"""Length of a stretch over the length of its outline piece, below which it gets half the stations. [1]"""
+"""Length of a stretch relative to the length of its outline piece, below which it gets half the stations. [1]"""
 REAR = np.uint64(ROOM // 2)
 """Index of the first ring with arcs toward the rear face; rings with arcs toward the impact face begin at 0."""
 
@@ -239,7 +239,7 @@ def _add_up(first: int, last: int, body: Body, scratch: Scratch, out: FloatArray
 
 @lean
 def weaken_in_crater(states: FloatArray, body: Body, crater_depth: float, out: FloatArray) -> None:
-    """Scale the accelerations in each state by the depth of the deepest point over the crater depth, from 0 to 1."""
+    """Scale the accelerations in each state by the ratio of the largest depth to the crater depth, from 0 to 1."""
     for k in range(out.size // 3):
         depth = states[6 * k] + deepest_offset(body, states[6 * k + 2])
         share = min(max(depth / crater_depth, 0.0), 1.0)
@@ -348,7 +348,10 @@ def _integrate(rows: FloatArray, count: int, points: FloatArray, law: Law, taper
 
 @lean
 def integrate_in_wall(rows: FloatArray, count: int, points: FloatArray, law: Law, tapers: bool) -> None:
-    """Integrate the stress around the first `count` rings in a wall; arcs toward the rear face begin at `REAR`."""
+    """Integrate the stress around the first `count` rings in a wall.
+
+    In `rows`, the arcs toward the impact face start at row 0, and those toward the rear face at row `REAR`.
+    """
     end, at_rear = whole(count), rows[REAR:]
     if tapers:
         _load_tapering_rings(rows, end, law)

@@ -33,7 +33,8 @@ RAMP_FRACTION = 1e-4
 # With the ramp, the load at the end of a contact fades gradually instead of vanishing at an instant, so a small load
 # has to count as none. A millionth of the static stress on an area as large as the body is a rough choice.
 NEGLIGIBLE_LOAD = 1e-6
-"""Load below which a body counts as unloaded, over static stress × (distance from centre of gravity to tip)². [1]"""
+"""Load below which a body counts as unloaded, relative to static stress × (distance from centre of gravity to
+tip)². [1]"""
 STEP_WIDTH = 26
 """Number of columns in a table of steps: time, length, and four groups of six."""
 # GRK4T, the method in `solver.time_integration`, has four stages. The error estimate from the end of a step is stored
@@ -43,7 +44,7 @@ MOST_STAGES = 5
 # The static stress vanishes with the velocity, so the energy never reaches zero. This threshold is a hundredth of the
 # default retention energy, and equal to the smallest one accepted, so it decides no outcome.
 REST_FRACTION = 1e-4
-"""Kinetic energy at which a body counts as at rest, over its initial value. [1]"""
+"""Kinetic energy at which a body counts as at rest, relative to its initial value. [1]"""
 # Bisection on the stored cubic needs no evaluation of the load and cannot fail; 24 halvings resolve 6e-8 of a step.
 HALVINGS = 24
 """Number of bisections that locate an event within a step."""
@@ -271,7 +272,10 @@ class Termination(IntEnum):
 
 
 class Thresholds(NamedTuple):
-    """Kinetic energies that decide how a run ends, over the initial energy without the rotation of a sphere. [1]"""
+    """Kinetic energies that decide how a run ends, relative to the initial energy. [1]
+
+    The initial energy does not include the rotation of a sphere, which no load can remove.
+    """
 
     retention: float
     """Energy below which a projectile counts as retained when the run ends."""
@@ -295,7 +299,7 @@ class Run(NamedTuple):
     evaluations: int
     """Number of evaluations of force and moment."""
     energy_gain: float
-    """Largest gain of kinetic energy in one fixed step, over the initial energy. An exact solution has none; the
+    """Largest gain of kinetic energy in one fixed step, relative to the initial energy. An exact solution has none; the
     adaptive integration always reports 0. [1]"""
 
 

@@ -33,7 +33,7 @@ from solver.warnings import DEEPER_THAN_WALL, TUMBLING, UNDECIDED, ModelWarning,
 
 # Real projectiles penetrate far less deep. If not even this wall stops a body, the status is ``always_perforated``.
 MOST_DIAMETERS = 1000.0
-"""Thickness of the thickest wall tried, over the diameter of the projectile. [1]"""
+"""Thickness of the thickest wall tried, relative to the diameter of the projectile. [1]"""
 # No projectile stays rigid at the upper end.
 VELOCITIES = (1.0, 2000.0)
 """Range of velocities searched. [m/s]"""
@@ -43,7 +43,7 @@ GROWTH = 1.5
 """Ratio of consecutive values tried until the outcome changes. [1]"""
 # A bracket of this width is far narrower than the effect of the scatter of S, and takes about twelve bisections.
 TOLERANCE = 1e-4
-"""Default width of the final bracket over its upper end. [1]"""
+"""Default width of the final bracket, relative to its upper end. [1]"""
 # With this tolerance and these stations a limit is within 5e-5 of its converged value, half the width of the bracket.
 RUN_TOLERANCE, RUN_STATIONS = 3e-5, 8
 """Default relative tolerance and number of stations of the runs."""
@@ -181,7 +181,7 @@ def least_thickness(
     numerics
         Integration method and resolution; adaptive with a relative tolerance of 3e-5 and 8 stations unless given.
     tolerance
-        Width of the final bracket over the thickness. [1]
+        Width of the final bracket, relative to the thickness. [1]
 
     Returns
     -------
@@ -254,7 +254,7 @@ def limit_velocity(
     numerics
         Integration method and resolution; adaptive with a relative tolerance of 3e-5 and 8 stations unless given.
     tolerance
-        Width of the final bracket over the velocity. [1]
+        Width of the final bracket, relative to the velocity. [1]
 
     Returns
     -------

@@ -21,28 +21,28 @@ from solver.warnings import ModelWarning, implausible
 
 # An exact solution gains no energy. With the default tolerances the error of the energy is smaller than this.
 MOST_GAIN = 1e-3
-"""Largest gain of kinetic energy over its initial value. [1]"""
+"""Largest gain of kinetic energy relative to its initial value. [1]"""
 # A motion has up to hundreds of steps, whose errors mostly cancel. Ten is a rough choice.
 ERROR_OF_TOLERANCE = 10.0
-"""Largest error of the energy, over the relative tolerance of a step. [1]"""
+"""Ratio of the largest error of the energy to the relative tolerance of a step. [1]"""
 # On an oblique path both faces weaken the resistance, so the bound has to be far below 1. Its value is a rough choice.
 LEAST_WORK = 0.05
-"""Least energy lost in a wall, over (S f'c weakened by the rear face) × cross-section × thickness. [1]"""
+"""Least energy lost in a wall, relative to (S f'c weakened by the rear face) × cross-section × thickness. [1]"""
 # A thinner wall may lie wholly within the weakened zones of its two faces, and take hardly any energy.
 LEAST_WALL = 0.5
-"""Least thickness of a wall, over the diameter, for which the energy lost in it is checked. [1]"""
+"""Least thickness of a wall, relative to the diameter, for which the energy lost in it is checked. [1]"""
 # The resistance is weaker between two faces, so walls thicker than the energy allows may be perforated. In 750 random
 # strikes on usual concrete they were thicker by up to 2.2 diameters.
 MARGIN = 4.0
-"""Thickness that may be perforated beyond what the energy allows, over the diameter. [1]"""
+"""Margin added to the greatest thickness that the energy suffices to perforate, relative to the diameter. [1]"""
 # Below the ramp velocity only part of the static stress acts, so even a strike with hardly any energy penetrates a
 # little.
 RAMP = 0.01
-"""Depth that may be reached beyond what the energy allows, over the diameter. [1]"""
+"""Depth that may be reached beyond what the energy allows, relative to the diameter. [1]"""
 # The exit speed has a large error near the perforation limit, where its derivative with respect to the thickness is
 # infinite.
 MOST_RISE = 0.01
-"""Largest rise of the exit speed from one wall to a thicker one, over the striking speed. [1]"""
+"""Largest rise of the exit speed from one wall to a thicker one, relative to the striking speed. [1]"""
 
 
 def check_energy(

@@ -44,7 +44,7 @@ from solver.units import Amount
 
 # A thinner plate fails by bending and tearing, which the model does not include.
 LEAST_THICKNESS = 0.1
-"""Least thickness of a wall, over the diameter of the projectile. [1]"""
+"""Least thickness of a wall, relative to the diameter of the projectile. [1]"""
 # Above 1e154 m/s the square of a velocity overflows. The limit is far below that, and far above any real motion.
 LARGEST_STATE = 1e100
 """Position, angle or rate beyond which a run counts as diverged. [m, rad, s]"""
@@ -239,7 +239,7 @@ def integrate(
     keep_steps
         Keep every step in the table, instead of only the last one.
     thresholds
-        Energies that end the run, over the initial energy; by default the retention energy of the case and
+        Energies that end the run, relative to the initial energy; by default the retention energy of the case and
         `REST_FRACTION`. [1]
 
     Raises

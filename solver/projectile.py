@@ -33,8 +33,8 @@ MATCH_DIGITS = 9
 # Rounding moves points off a straight line: by 1e-16 of the size of the nose or, if they are given to the micrometre,
 # by about 1e-5. No nose is manufactured to 1e-4 of its size.
 DENT = 1e-4
-"""Largest distance by which a point of a profile may lie inside the line between two others, over the size of the
-profile. [1]"""
+"""Largest distance by which a point of a profile may lie inside the line between two others, relative to the size of
+the profile. [1]"""
 
 Point = tuple[float, float]
 """Distance behind the tip, and distance from the axis. [m]"""
@@ -113,8 +113,8 @@ class Ogive:
     Parameters
     ----------
     caliber_radius_head
-        Radius ψ of the nose arc over the shank diameter; 0.5 is a hemisphere, and 100 a nose ten times as long as the
-        shank is wide. [1]
+        Radius ψ of the nose arc divided by the shank diameter; 0.5 is a hemisphere, and 100 a nose ten times as long as
+        the shank is wide. [1]
     """
 
     name: ClassVar[str] = "ogive"
@@ -141,7 +141,7 @@ class Conical:
     Parameters
     ----------
     length_to_diameter
-        Height of the cone over the shank diameter. [1]
+        Height of the cone divided by the shank diameter. [1]
     """
 
     name: ClassVar[str] = "conical"
@@ -166,7 +166,7 @@ class Spherical:
     Parameters
     ----------
     caliber_radius_head
-        Radius of the sphere over the shank diameter; 0.5, a hemisphere, when not given. [1]
+        Radius of the sphere divided by the shank diameter; 0.5, a hemisphere, when not given. [1]
     """
 
     name: ClassVar[str] = "spherical"
@@ -193,7 +193,7 @@ class Flat:
     name: ClassVar[str] = "flat"
 
     def length(self, radius: float) -> float:
-        """Return zero, as a flat face has no length. [m]"""
+        """Return zero: a flat face has no length. [m]"""
         return 0.0
 
     def outline(self, radius: float) -> tuple[OutlinePiece, ...]:
@@ -571,7 +571,7 @@ class SolidProperties:
     centroid: float
     """Distance of the centroid behind the tip. [m]"""
     inertia_per_mass: float
-    """Moment of inertia over the mass, about a transverse axis through the centroid. [m²]"""
+    """Moment of inertia divided by the mass, about a transverse axis through the centroid. [m²]"""
 
 
 @dataclass(frozen=True, slots=True)

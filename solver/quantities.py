@@ -39,7 +39,7 @@ class Quantity(NamedTuple):
     def of(cls, docstring: str) -> "Quantity":
         """Split a docstring into text and unit.
 
-        The unit is the first one in brackets that is not an alternative, such as ``m or m/s``.
+        The unit is the first text in brackets without the word "or"; a choice such as ``[m or m/s]`` is not a unit.
         """
         units = [found for found in UNIT.findall(docstring) if " or " not in found]
         return cls(UNIT.sub("", docstring).strip(), "".join(units[:1]))

@@ -316,8 +316,8 @@ PLAUSIBLE_FACTORS = (2.0, 60.0)
 """Smallest and largest S accepted from a shot. [1]"""
 # For a single shot this limit is about 3 standard deviations of the normal distribution with the same 90 % interval.
 FAR_OFF = 2.5
-"""Deviation of the ln S of a shot from the prediction by the other shots, over the dispersion of that prediction, above
-which a warning appears. [1]"""
+"""Deviation of the ln S of a shot from the prediction by the other shots, relative to the dispersion of that
+prediction, above which a warning appears. [1]"""
 SLIPS: tuple[tuple[str, float, str], ...] = (
     ("depth", 1e-3, "millimetres given as metres"),
     ("depth", 1e-2, "centimetres given as metres"),
@@ -396,7 +396,7 @@ class ShotPrediction:
 
     @property
     def factors(self) -> tuple[float, float]:
-        """Ends of the 90 % range of S, over its median. [1]"""
+        """Ends of the 90 % range of S, divided by its median. [1]"""
         return _student_range(1.0, self.scale, self.degrees_of_freedom)
 
 
@@ -451,8 +451,8 @@ class StrengthPosterior:
     factors: tuple[float, ...]
     """S of each shot, converted to the diameter of the projectile. [1]"""
     deviations: tuple[float, ...]
-    """Deviation of the ln S of each shot from the prediction by the law and the other shots, over the dispersion of
-    that prediction. [1]"""
+    """Deviation of the ln S of each shot from the prediction by the law and the other shots, relative to the dispersion
+    of that prediction. [1]"""
 
     @property
     def dispersion(self) -> float:

@@ -20,7 +20,7 @@ LONGEST_TERMINATION_TIME = 1.0
 """Longest default termination time. [s]"""
 # Of 1,000 projectiles that are turned away, 999 leave within this time. A fixed time left large, slow ones undecided.
 TRANSITS = 20.0
-"""Default termination time of slow strikes, over the time to travel the length of the projectile. [1]"""
+"""Default termination time of slow strikes, relative to the time to travel the length of the projectile. [1]"""
 # With 3e-7, the work and the lost energy of a trajectory agree to 1e-6. A search only needs the angle, and uses a
 # smaller tolerance where the angle is in doubt.
 TRAJECTORY_TOLERANCE, SEARCH_TOLERANCE = 3e-7, 3e-4
@@ -32,10 +32,10 @@ TRAJECTORY_STATIONS, SEARCH_STATIONS = 12, 8
 # One per cent of the energy is a tenth of the speed. Friction and rubble, which the model leaves out, decide what
 # becomes of a slower body.
 RETENTION_ENERGY_FRACTION = 0.01
-"""Default retention energy over the initial kinetic energy. [1]"""
+"""Default retention energy relative to the initial kinetic energy. [1]"""
 # The lower bound is the energy that counts as rest. The upper bound is a rough choice.
 RETENTION_BOUNDS = (1e-4, 0.5)
-"""Accepted retention energies, over the initial kinetic energy. [1]"""
+"""Accepted retention energies, relative to the initial kinetic energy. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,7 +95,7 @@ class Numerics:
     time_step
         Time step of the panel method; 0.01 ms as in the paper unless given. [s]
     relative_tolerance
-        Error of one step of the adaptive method, over the scale of the motion. Unless given, it is 3e-7 for a
+        Error of one step of the adaptive method, relative to the scale of the motion. Unless given, it is 3e-7 for a
         trajectory, whose energy then balances to 1e-6, and 3e-4 for a search, which uses a finer level where the angle
         is in doubt. [1]
     stations

@@ -40,7 +40,7 @@ BEHIND = 1e-100
 """Cosine of α for the base. [1]"""
 # This ratio divides the paper's 12,000 panels into 60 by 200.
 AROUND_PER_AXIAL = 0.3
-"""Number of panels around the axis, over the number along it. [1]"""
+"""Number of panels around the axis divided by the number along it. [1]"""
 
 QUARTER_TURN = math.pi / 2.0
 """Right angle. [rad]"""

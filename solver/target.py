@@ -9,7 +9,7 @@ from solver.checks import require, require_bounds
 # left, the paper's body perforates a wall of 50 mm from 33 m/s on; the CEA-EDF formula gives 18 m/s, and the model
 # without a plug 86 m/s.
 MOST_PLUG = 0.9
-"""Largest height of a plug, over the thickness of the wall. [1]"""
+"""Largest height of a plug, relative to the thickness of the wall. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,8 +33,8 @@ class Target:
         Strength that 95 % of the concrete exceeds, as in the name of a strength class. If it is given, design values of
         walls use it; everything else uses the compressive strength, which is the mean. [Pa]
     reinforcement_ratio_percent
-        Area of steel over the area of concrete, in each direction at each face. Neither the model nor any formula uses
-        it: answers are for plain concrete, with a warning. [%]
+        Area of steel divided by area of concrete, in each direction at each face. Neither the model nor any formula
+        uses it: answers are for plain concrete, with a warning. [%]
 
     Raises
     ------
@@ -91,8 +91,8 @@ class Crater:
     Parameters
     ----------
     depth_diameters
-        Depth of the crater over the diameter of the projectile. [1] Forrestal et al. (1994) use 2; Li and Chen (2003)
-        use 0.707 plus the length of the nose over the diameter.
+        Depth of the crater divided by the diameter of the projectile. [1] Forrestal et al. (1994) use 2; Li and Chen
+        (2003) use 0.707 plus the length of the nose divided by the diameter.
 
     Notes
     -----

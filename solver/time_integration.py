@@ -33,15 +33,15 @@ from solver.motion import (
 )
 from solver.surface import Body
 
-# A gain at a higher energy means that the step is too long for the strike; the result reports it.
+# A gain while the energy is above this limit means that the step is too long for the strike; the result reports it.
 UNRESOLVED_ENERGY = 1e-2
-"""Kinetic energy over its initial value, below which a fixed step that gains energy may count as rest. [1]"""
+"""Kinetic energy relative to its initial value, below which a fixed step that gains energy may count as rest. [1]"""
 
 # An exact solution gains no energy. With too few stations, a body between the faces of a wall gains energy without
 # bound, in ever shorter steps: searches on walls took seconds before such runs were ended. The factor 2 is far above
 # the error of any run worth reporting.
 MOST_ENERGY = 2.0
-"""Kinetic energy over its initial value, above which a run counts as diverged. [1]"""
+"""Kinetic energy relative to its initial value, above which a run counts as diverged. [1]"""
 
 
 @lean
@@ -179,10 +179,10 @@ EVALUATIONS = 2
 # The error of a forward difference quotient is smallest near the square root of the rounding error, 1.5e-8. A value
 # several times as large allows for the rounding of the sums over the rings.
 DIFFERENCE = 1e-7
-"""Increment of position in difference quotients, over the distance from centre of gravity to tip. [1]"""
+"""Increment of position in difference quotients, relative to the distance from centre of gravity to tip. [1]"""
 # The static stress rises from zero over the ramp velocity, so the increment has to be a small fraction of it.
 VELOCITY_DIFFERENCE = 1e-3
-"""Increment of velocity in difference quotients, over the ramp velocity. [1]"""
+"""Increment of velocity in difference quotients, relative to the ramp velocity. [1]"""
 DIFFERENCES = MOST_STATES
 """Number of evaluations of the load for one linearisation."""
 
@@ -323,7 +323,7 @@ def end_error(state: FloatArray, step: float, work: Workspace, linear: Linearisa
 
 @lean
 def _size(error: FloatArray, scale: FloatArray) -> float:
-    """Return the root mean square of the errors over their scales, the norm of Hairer and Wanner. [1]"""
+    """Return the root mean square of the errors, each divided by its scale: the norm of Hairer and Wanner. [1]"""
     total = 0.0
     for n in range(6):
         total += (error[n] / scale[n]) ** 2
@@ -338,18 +338,18 @@ STEP_LIMIT = 100_000
 # over the kinks of nose entry; a quarter is a rough choice. Below the smallest step, near the rounding error of time, a
 # run counts as diverged.
 FIRST_STEP, LARGEST_STEP, SMALLEST_STEP = 1e-2, 0.25, 1e-15
-"""Lengths of steps, over the time to travel the distance from centre of gravity to tip at the impact speed; for the
-largest step see `Accuracy`. [1]"""
+"""Lengths of steps, relative to the time to travel the distance from centre of gravity to tip at the impact speed; for
+the largest step see `Accuracy`. [1]"""
 
 
 class Accuracy(NamedTuple):
     """Tolerance and limits of the error-controlled steps."""
 
     relative_tolerance: float
-    """Largest error of one step, over the scale of the motion. [1]"""
+    """Largest error of one step, relative to the scale of the motion. [1]"""
     largest_step: float
-    """Largest step, over the time to travel the distance from centre of gravity to tip at the present pace: the speed
-    plus the speed at which the tip turns about the centre of gravity. [1]"""
+    """Largest step, relative to the time to travel the distance from centre of gravity to tip at the present pace: the
+    speed plus the speed at which the tip turns about the centre of gravity. [1]"""
     most_steps: int = STEP_LIMIT
     """Number of attempts at a step, after which a run ends as `Termination.STEP_LIMIT`."""
 

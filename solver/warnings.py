@@ -51,7 +51,7 @@ MOST_NAMED = 5
 """Largest number of shots that a warning names."""
 # The theory of deep cavities does not apply within the front crater, where spalling governs (Forrestal et al. 1994).
 CRATER_CALIBERS = 2.0
-"""Depth of the front crater, over the diameter. [1]"""
+"""Depth of the front crater, relative to the diameter. [1]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -423,7 +423,7 @@ def decided_by_time(*, termination_time: float) -> ModelWarning:
 
 # The retention energy is a convention. A factor of ten either way is about a factor of three in speed.
 RETENTION_RANGE = (0.1, 10.0)
-"""Range of retention energies, over the one in use, within which an angle should hardly move. [1]"""
+"""Range of retention energies, relative to the one in use, within which an angle should hardly move. [1]"""
 
 
 def retention_decides(*, retention: float, below: float, above: float) -> ModelWarning:

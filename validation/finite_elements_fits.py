@@ -81,7 +81,7 @@ class Calibration:
     by_depth: DepthFit
     """Fit to the greatest depths in normal impact, where the decay law has no effect."""
     alone: Mapping[str, Mapping[float, Mapping[str, Estimate | None]]]
-    """S fitted to each quantity alone, by law, oblique angle [°] and quantity; None if undetermined."""
+    """S fitted to each quantity separately, by law, oblique angle [°] and quantity; None if undetermined."""
     cpu_seconds: float
     """Processor time of `fits`. [s]"""
 
@@ -150,7 +150,7 @@ def fit_laws(runs: Sequence[FiniteElementRun], ends: Sequence[float]) -> DecayLa
 
 
 def _fit_quantities(run: FiniteElementRun, end: float, law: FreeSurface) -> dict[str, Estimate | None]:
-    """Fit S to each quantity of a run alone."""
+    """Fit S to each quantity of a run separately."""
     return {name: _fit_quantity(run, end, law, weights) for name, weights in ALONE.items()}
 
 

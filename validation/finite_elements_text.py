@@ -241,7 +241,7 @@ def with_extrapolation(prediction: Prediction) -> str:
 
 
 def outcomes(calibration: Calibration, law: str) -> dict[float, bool]:
-    """Return, by oblique angle, whether the model with the S fitted to a run turns the projectile away. [°]"""
+    """Return, by oblique angle [°], whether the model predicts ricochet with the S fitted to the run at that angle."""
     runs = {run.degrees: run for run in calibration.runs}
     return {
         angle: modelled_outcome(runs[angle], strength_factor=fit.estimate.strength_factor, free_surface=LAWS[law])

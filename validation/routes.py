@@ -183,7 +183,7 @@ class Comparison:
     adaptive: End
     panels: End
     explained: str
-    """Explanation of a difference that vanished, such as finer panels; empty if there was none."""
+    """Explanation of a difference: `PANELS`, `RAMP` or `GRAZING`; empty without a difference or an explanation."""
     difference: str
     """Difference without an explanation; empty if there is none."""
 

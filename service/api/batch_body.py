@@ -43,7 +43,7 @@ from solver.units import whole_number, written_in
 CASES_AT_ONCE = 200
 """Number of cases validated in one call, which takes about 5 ms."""
 CHECKED_AT_ONCE = 50
-"""Number of cases that a worker checks in one call. A call takes some milliseconds, and single queries wait for it."""
+"""Number of cases that a worker checks in one call. A call takes a few milliseconds, and single queries wait for it."""
 CHECK_COST = 0.01
 """Cost of checking a case [ordinary cases]: the check takes some 0.1 ms, computing an ordinary case 10 to 20 ms."""
 BYTES_AT_ONCE = 256 * 1024
@@ -62,7 +62,7 @@ class BatchBody:
     count
         Number of cases; 0 for JSONL, where it is unknown until the body has been read.
     sweep
-        Request of a sweep; None for a batch.
+        Request for a sweep; None for a batch.
     """
 
     blocks: AsyncIterator[list[JobCase]]
@@ -190,7 +190,7 @@ class BatchReader:
         for begin in range(0, len(numbers), CHECKED_AT_ONCE):
             some = numbers[begin : begin + CHECKED_AT_ONCE]
             requests = [cases[number].request.json for number in some]
-            # A worker does the check, which takes some milliseconds and would block the event loop meanwhile.
+            # A worker does the check, which takes a few milliseconds and would block the event loop meanwhile.
             checking = self._services.executor.submit(
                 check_requests,
                 canonical,

@@ -39,12 +39,12 @@ RUNNING = {
 
 
 class SweepRequest(Part):
-    """Request of a sweep, as the client sent it."""
+    """Request for a sweep, as the client sent it."""
 
     model_config = with_examples({"base": PAPER, "axes": [EVEN, LISTED]})
 
     base: dict[str, Any]
-    """Request in which the axes replace the values of their fields."""
+    """Request for a single case. Each axis replaces the value of the field that it names."""
     axes: list[Axis]
 
 

@@ -136,7 +136,7 @@ async def list_jobs(
     responses={200: RETRY_LATER, **problems(404, 422, 500, 507)},
 )
 async def get_job(request: Request, job: RequestedJob, jobs: CurrentManager) -> Response:
-    """Return a job with its progress, the request of a sweep or a study, and the answer of a study so far."""
+    """Return a job with its progress, the request for a sweep or a study, and the answer of a study so far."""
     headers = {} if job.final else retry_after(job, jobs)
     return job_response(
         root_of(request),

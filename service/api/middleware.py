@@ -182,7 +182,7 @@ class CompressionMiddleware:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, and compress the response if the client accepts it."""
+        """Pass a request on, and compress the response if the client accepts gzip."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -238,7 +238,7 @@ ALWAYS: Pairs = [
     (b"content-security-policy", POLICY),
 ]
 TRANSPORT: Pairs = [(b"strict-transport-security", b"max-age=31536000")]
-"""Strict-Transport-Security header, valid for a year as usual; sent over TLS only, as browsers ignore it elsewhere."""
+"""Strict-Transport-Security header, valid for a year as usual; sent over TLS only: browsers ignore it elsewhere."""
 NO_STORE: Pairs = [(b"cache-control", b"no-store")]
 """Cache policy of most responses: no proxy may store them, because each is meant for one client."""
 REVALIDATE: Pairs = [(b"cache-control", b"private, no-cache")]

@@ -48,7 +48,7 @@ class ReadyResults:
     job
         State of the job when it was requested.
     sweep
-        Request of a sweep; None for a batch.
+        Request for a sweep; None for a batch.
     start
         Number of the first case.
     limit
@@ -246,7 +246,7 @@ class ParquetTable:
     job
         Job whose operation determines the columns and whose engine version goes into the metadata.
     sweep
-        Request of a sweep; its axes become columns and its base goes into the metadata.
+        Request for a sweep; its axes become columns and its base goes into the metadata.
     """
 
     def __init__(self, path: Path, job: JobState, sweep: StoredSweep | None) -> None:

@@ -208,7 +208,7 @@ class ApiKeyStore:
         return key if key.fits(token) and key.usable_at(self._clock.now()) else None
 
     def holds(self, key: ApiKey) -> bool:
-        """Return True if a key is still valid. Event streams call this, as they may last longer than their key."""
+        """Return True if a key is still valid. Event streams call this, since they may last longer than their key."""
         self.reload()
         found = self._keys.get(key.id)
         return found is not None and found.usable_at(self._clock.now())

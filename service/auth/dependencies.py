@@ -163,7 +163,7 @@ class RequestContext:
 
 @lru_cache(maxsize=1024)
 def network_of(address: str | None) -> str | None:
-    """Return an IPv4 address unchanged. Return the /64 network of an IPv6 address, as a client may use all of it."""
+    """Return an IPv4 address unchanged. Return the /64 network of an IPv6 address, since a client may use all of it."""
     try:
         return str(IPv6Network((address or "", 64), strict=False))
     except ValueError:

@@ -183,7 +183,7 @@ class QuotaStore:
             await self.save()
 
     async def save(self) -> None:
-        """Save the counts if they have changed. Disk errors are ignored, as they are no reason to refuse requests."""
+        """Save the counts if they have changed. Disk errors are ignored; they are no reason to refuse requests."""
         counts = self._earlier | {key_id: list(quota.entries) for key_id, quota in self._quotas.items()}
         rows = [(key_id, began, cases) for key_id, entries in counts.items() for began, cases in entries]
         if self._quotas and rows != self._saved:

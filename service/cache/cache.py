@@ -32,7 +32,7 @@ KEY = re.compile(r"[0-9a-f]{64}")
 PROBE = bytes(65_536)
 """Data written to test the disk, large enough for a full disk to refuse it."""
 JOURNAL_RECORDS, JOURNAL_BYTES = 200, 2 * 1024 * 1024
-"""Number and size of results in the journal at which they are written to segments, which takes a thread some tens of
+"""Number and size of results in the journal at which they are written to segments, which takes a thread tens of
 milliseconds [1, bytes]. The size also limits the memory of the results in the journal."""
 EVICTED_SHARE = 0.1
 """Fraction of the limit freed by one eviction, so that not every new result causes one; chosen by judgement."""
@@ -115,7 +115,7 @@ class ResultCache:
     def recall(self, key: str) -> Record | None:
         """Return the record of a key if it is in memory.
 
-        The record is a copy, because content that callers parse from the cached record itself would stay in memory.
+        The record is a copy. A record keeps the content parsed from it, so the cached one would keep it in memory.
         """
         with self._remembering:
             record = self._recent.get(key)

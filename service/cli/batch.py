@@ -130,7 +130,7 @@ def run_file(args: argparse.Namespace) -> int:
     if not is_table and (args.case or args.keep):
         flag = "--case" if args.case else "--keep"
         raise UsageError(f"{flag}: goes with a table of cases, .csv, .tsv or .xlsx; {args.file} is read as JSON lines")
-    # A missing package is reported before the cases are computed, as a workbook is only written at the end.
+    # A missing package is reported before the cases are computed, because a workbook is only written at the end.
     if args.xlsx:
         require_excel(f"--output {args.output}")
     if is_table:

@@ -423,7 +423,7 @@ def _sentence(estimate: Mapping[str, Any], confidence: float) -> str:
 def _degrees_of_freedom(estimate: Mapping[str, Any], confidence: float) -> float:
     """Return the degrees of freedom of Student's distribution from the confidence interval of an answer.
 
-    The upper end is used, as the lower one is truncated at 0.
+    The upper end is used, because the lower one is truncated at 0.
     """
     from scipy.special import stdtridf
 

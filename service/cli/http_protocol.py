@@ -52,7 +52,7 @@ class HttpProtocol(HttpToolsProtocol):
         """Parse received bytes, and refuse a head that is too long."""
         begun = self.headers if self._in_head else None
         super().data_received(data)
-        while again := self._declined:  # Recursion could overflow the stack, as thousands of requests may be pipelined.
+        while again := self._declined:  # Recursion could overflow the stack: thousands of requests may be pipelined.
             self._declined = b""
             super().data_received(again)
         if not self._in_head or self.headers is not begun:  # Each request has its own list, so this is a new head.

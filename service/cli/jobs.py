@@ -152,7 +152,8 @@ def run_batch(args: argparse.Namespace, request: BatchRequest) -> int:
         try:
             return follow(client, job, args, stream, request)
         finally:
-            # The private service ends here, so the job is of no further use. Results in a data folder are kept.
+            # The private service ends here, so the job is of no further use. If a data folder was given, the results
+            # stay in it.
             with suppress(CommandError):
                 client.delete(job["id"])
 

@@ -146,7 +146,7 @@ def answers_to(
     Raises
     ------
     RefusedError
-        If the query `cra` fails, as there is no verdict without it.
+        If the query `cra` fails, because there is no verdict without it.
     """
     for name, (operation, content) in queries.items():
         try:
@@ -195,7 +195,7 @@ def compute_sweep(operation: str, content: dict[str, Any]) -> Iterator[Item]:
 
     with refusals():
         points = _points(operation, content)
-    # All points are validated before the first is computed, as an invalid one would otherwise be reported after
+    # All points are validated before the first is computed, because an invalid one would otherwise be reported after
     # minutes.
     for number, (point, request) in enumerate(points):
         item: dict[str, Any] = {"index": number, "point": point}

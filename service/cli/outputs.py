@@ -23,7 +23,7 @@ MANY_ANSWERS = {".jsonl": "json", ".ndjson": "json", ".csv": "csv", ".parquet": 
 """Format flags by file extension, for commands with many answers."""
 PLOT = (".png", ".svg", ".pdf")
 MEANINGFUL, ALL_DIGITS = 6, 17
-"""Default and largest number of significant digits. Six are enough, as a search ends within 0.01° and runs are accurate
+"""Default and largest number of significant digits. Six are enough: a search ends within 0.01° and runs are accurate
 to 1e-6 of their scale. A double has no more than 17."""
 STANDARD = "-"
 """Name of standard input or standard output."""

@@ -63,7 +63,7 @@ class Parser(argparse.ArgumentParser):
         return super().format_help()
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse all arguments. The parser of the command itself reports unknown ones, as it can suggest its flags."""
+        """Parse all arguments. The parser of the command, which can suggest its flags, reports unknown ones."""
         found, rest = super().parse_known_args(args, namespace)
         if rest:
             word = next((word for word in rest if word.startswith("-")), rest[0])

@@ -48,7 +48,7 @@ PRINTING = (
     "--no-pdf-header-footer",
 )
 PRINT_SECONDS = 120.0
-"""Timeout of the browser [s]. Printing takes some seconds; a first start on a busy machine may take a minute."""
+"""Timeout of the browser [s]. Printing takes a few seconds; a first start on a busy machine may take a minute."""
 
 
 def add_report(parser: argparse.ArgumentParser) -> None:

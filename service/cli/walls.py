@@ -69,7 +69,7 @@ def add_limit_speed(parser: argparse.ArgumentParser) -> None:
 
 
 def run_thickness(args: argparse.Namespace) -> int:
-    """Find the least thickness, and print it after the verdict on the wall of the case."""
+    """Find the least thickness, and print it after the verdict on the target wall."""
     body = read_body(args.case, args, STRIKE_FLAGS)
     for name in body.content.keys() - WALL_PARTS:
         del body.content[name]

@@ -23,7 +23,7 @@ CHECKPOINT_SECONDS = 0.1
 """Longest wait of a checkpoint for a reader [s], during which writers have to wait. A checkpoint that fails is repeated
 later."""
 
-# Requests of sweeps have a table of their own, because they can be large, and SQLite writes the whole row of `jobs`
+# Requests for sweeps have a table of their own, because they can be large, and SQLite writes the whole row of `jobs`
 # whenever the progress of a job changes.
 TABLES = """
 CREATE TABLE jobs (

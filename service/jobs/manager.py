@@ -33,8 +33,8 @@ EXPIRY_SECONDS = 3600.0
 REOPEN_SECONDS = 5.0
 """Interval between attempts to load jobs that could not be read at the start, chosen by judgement. [s]"""
 CHECKPOINT_SECONDS = 5.0
-"""Interval between checkpoints, each of which takes some milliseconds [s]. If the log is damaged, the progress of about
-one interval is lost."""
+"""Interval between checkpoints of the job database [s]. A checkpoint takes a few milliseconds. If the write-ahead log
+is damaged, the progress of about one interval is lost."""
 CHANGE_SECONDS = 0.2
 """Shortest interval between events of a job [s]. Five updates a second look continuous to a person."""
 OWNER = "local"
@@ -235,7 +235,7 @@ class JobManager:
             Owner whose share of the workers the cases count against, if other than `owner`. After a restart of the
             service it is `owner`.
         sweep
-            Request of a sweep.
+            Request for a sweep.
         charge
             Cost charged to a quota. The unused part is given back at the end of the job.
         count
@@ -302,11 +302,11 @@ class JobManager:
         return await run_sync(self._jobs.tally, present) + Counter(state.status for state in present.values())
 
     async def sweep(self, job: JobState) -> StoredSweep | None:
-        """Return the request of a sweep; None for other jobs, and for a damaged sweep."""
+        """Return the request for a sweep; None for other jobs, and for a damaged sweep."""
         return await run_sync(self._jobs.sweep, job.number)
 
     async def request(self, job: JobState) -> dict[str, Any] | None:
-        """Return the request of a sweep or a study; None for other jobs, and for a damaged request."""
+        """Return the request for a sweep or a study; None for other jobs, and for a damaged request."""
         if not job.is_study:
             sweep = await self.sweep(job)
             return None if sweep is None else sweep.request
@@ -455,7 +455,7 @@ class JobManager:
                 await run_sync(append, number, waiting)
             state = await run_sync(self._jobs.accept, job, received, idempotency, charge)
         except BaseException:
-            # If the removal fails, the next start removes the job, as it was never accepted.
+            # If the removal fails, the next start removes the job, because it was never accepted.
             with CancelScope(shield=True), suppress(StorageError):
                 await run_sync(self._jobs.discard, job)
             raise

@@ -57,7 +57,7 @@ class JobCase:
 
 @dataclass(frozen=True, slots=True)
 class StoredSweep:
-    """Request of a sweep over every combination of the values of its axes, the last axis fastest.
+    """Request for a sweep over every combination of the values of its axes, the last axis fastest.
 
     Parameters
     ----------
@@ -209,7 +209,7 @@ class JobState:
             return 0
         if self.cached or self.progress is None:
             return self.charge.cases - 1
-        # A study costs at least one case, as an answer from the cache does too.
+        # A study costs at least one case; so does an answer from the cache.
         taken, most = max(1, int(self.progress["samples"])), int(self.progress["max_samples"])
         return max(0, self.charge.cases * (most - taken) // most)
 
@@ -266,7 +266,7 @@ def split_keys(keys: bytes) -> list[str]:
 
 @lru_cache(maxsize=16)
 def split_requests(requests: bytes) -> tuple[bytes, ...]:
-    """Decode stored canonical requests. Recent blocks are cached, as a block is read in several parts."""
+    """Decode stored canonical requests. Recent blocks are cached, because a block is read in several parts."""
     return tuple(zlib.decompress(requests).split(b"\n"))
 
 

@@ -28,7 +28,7 @@ CHUNK_SECONDS = 0.25
 chunk is a hundredth of it."""
 AHEAD_SHARE = 8
 """Number of workers for each additional chunk in the queue. A run keeps one chunk queued, and one more for every eight
-workers, so that no worker is idle. This suffices, as preparing a chunk takes far less time than computing it."""
+workers, so that no worker is idle. This suffices, since preparing a chunk takes far less time than computing it."""
 CHUNKS_KEPT = 2
 """Number of unfinished chunks that a run may have, in addition to two per worker. Without a limit, computed chunks
 would fill the memory while a slow disk stores them."""
@@ -41,7 +41,7 @@ TEMPORARY = (ComputationCancelled, PoolUnavailableError, QueueFullError)
 """Errors that are not caused by the case, and after which it is retried. A case whose worker died is not among them,
 because the executor has already retried it (`DEATHS` in `service/workers/worker_process.py`)."""
 FIRST_CASES = 4
-"""Number of cases in chunks before any time has been measured. It is small, as the slowest cases take a minute each.
+"""Number of cases in chunks before any time has been measured. It is small because the slowest cases take a minute.
 Studies of uncertainty, each of at least 256 samples, begin with single cases."""
 MOST_CASES = 256
 """Largest number of cases in a chunk. With cases of 1 ms such a chunk takes 0.25 s, the usual duration."""
@@ -135,7 +135,7 @@ class Run:
     @property
     def may_begin(self) -> bool:
         """True if another chunk should be prepared now."""
-        # Only one chunk is prepared at a time, as all read from the same generator of blocks.
+        # Only one chunk is prepared at a time, because all read from the same generator of blocks.
         if self.preparing or (self.read and not self.waiting):
             return False
         return len(self.queued) <= self.capacity // AHEAD_SHARE and self.underway < 2 * self.capacity + CHUNKS_KEPT

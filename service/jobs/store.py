@@ -1,6 +1,6 @@
 """Durable store of jobs. An accepted job survives crashes and restarts.
 
-    jobs.sqlite   jobs, requests of sweeps, cases in blocks (table `slices`), states of cases, progress of studies
+    jobs.sqlite   jobs, requests for sweeps, cases in blocks (table `slices`), states of cases, progress of studies
 
 A job has the status `accepting`, and is invisible, until all its cases are stored.
 """
@@ -135,7 +135,7 @@ class JobStore:
             return number
 
     def sweep(self, job: int) -> StoredSweep | None:
-        """Return the request of a sweep; None for other jobs, and for a damaged sweep (its job is `damaged`)."""
+        """Return the request for a sweep; None for other jobs, and for a damaged sweep (its job is `damaged`)."""
         with self._database.reading() as database:
             row = database.execute("SELECT sweep FROM sweeps WHERE job = ?", (job,)).fetchone()
         try:
@@ -274,7 +274,7 @@ class JobStore:
             found = database.execute(statement, (orjson.dumps(list(others)).decode(),)).fetchall()
         counts: Counter[Status] = Counter()
         for status, count in found:
-            # A status that this version does not know is shown as `damaged`, as it is in `read_job`.
+            # A status that this version does not know is shown as `damaged`, as in `read_job`.
             counts[status if status in STATUSES else "damaged"] += count
         return counts
 
@@ -391,7 +391,7 @@ class JobStore:
     def _end(self, database: sqlite3.Connection, job: int, status: Status, problem: dict[str, Any] | None) -> JobState:
         now = self._clock.now()
         text = None if problem is None else orjson.dumps(problem).decode()
-        # The expiry counts from the end of a job, as the job itself may take long.
+        # The expiry counts from the end of a job, because the job itself may take long.
         values = (status, now, now + self._kept_seconds, text)
         changes = "status = ?, finished = ?, expires = ?, problem = ?, revision = revision + 1"
         return self._changed(database, job, changes, values, "AND status IN ('accepted', 'running')")
@@ -421,7 +421,7 @@ class JobStore:
         return {number: found.get(number) for number in numbers}
 
     def _cases_in(self, job: int) -> int:
-        """Return the number of cases of a job from its blocks, as the number in a damaged row may be wrong."""
+        """Return the number of cases of a job from its blocks, since the number in a damaged row may be wrong."""
         statement = (
             f"SELECT coalesce(max(slice * {BLOCK_SIZE} + length(keys) / {KEY_BYTES}), 0) FROM slices WHERE job = ?"  # noqa: S608
         )

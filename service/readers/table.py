@@ -140,7 +140,7 @@ NUMBERED = re.compile(r"#[^\s,;\t]+(?=([,;\t]))")
 MAX_NAMES = 20
 """Largest number of column names listed in an error, which should stay readable (a rough choice)."""
 MAX_COLUMNS = 10_000
-"""Largest number of columns, a rough choice. Each column takes time, as it is compared with the names of all quantities
+"""Largest number of columns, a rough choice. Each column takes time: it is compared with the names of all quantities
 in all units."""
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?")
 BLANKS = re.compile(r"(?<![ \t])[ \t]++(?![\[(])")

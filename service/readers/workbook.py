@@ -52,7 +52,7 @@ def sheet_as_csv(path: str | Path) -> bytes:
             count += len(cells)
             if count > MAX_CELLS:
                 raise FileError(path, f"the sheet has more than {MAX_CELLS:,} cells")
-            # An empty row becomes an empty line rather than a line of commas, as the reader of tables expects.
+            # An empty row becomes an empty line rather than a line of commas: the reader of tables expects this.
             if any(cells):
                 writer.writerow(cells)
             else:

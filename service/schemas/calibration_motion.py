@@ -221,8 +221,8 @@ class MotionCalibrationRequest(Calibration):
     impact: Impact | MISSING = MISSING
     history: MotionRecord | MISSING = MISSING
     runs: Annotated[list[CalibrationRun], Field(min_length=1, max_length=MOST_RUNS)] | MISSING = MISSING
-    """Strikes at any angles and speeds, given instead of `impact` and `history`. One strength factor is fitted to all
-    of them with equal weight."""
+    """Strikes at any angles and speeds, in place of `impact` and `history`. One strength factor is fitted to all of
+    them with equal weight."""
     weights: Annotated[MotionWeights, Field(default_factory=MotionWeights)]
     until_s: Until | MISSING = MISSING
     until_greatest_depth: UntilGreatestDepth = False

@@ -122,7 +122,7 @@ class FittedRun(Part):
 
 
 class RunAlone(FittedStrength):
-    """Strength factor fitted to one of several runs alone."""
+    """Strength factor fitted to one of several runs, without the others."""
 
     model_config = with_examples(ESTIMATE | {"normalized_root_mean_square": 0.0019})
 
@@ -139,7 +139,7 @@ class DecayLawRun(Part):
     normalized_root_mean_square: NormalizedRootMeanSquare
     """Normalised root mean square with the common strength factor. [1]"""
     alone: Annotated[RunAlone | MISSING, GIVEN] = MISSING
-    """Fit of this run alone; absent if the run does not determine the strength factor."""
+    """Fit to this run without the others; absent if the run does not determine the strength factor."""
 
 
 class DecayLawFit(Part):

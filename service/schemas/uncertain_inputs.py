@@ -84,7 +84,7 @@ class Spread(Centred):
     standard_deviation: Finite | MISSING = MISSING
     """Standard deviation, in the unit of the field."""
     coefficient_of_variation: Finite | MISSING = MISSING
-    """Standard deviation divided by the mean, instead of `standard_deviation`. [1]"""
+    """Standard deviation divided by the mean; may be given in place of `standard_deviation`. [1]"""
 
 
 class NormalDistribution(Spread, SolverPart[Normal]):
@@ -120,11 +120,11 @@ class LognormalDistribution(Centred, SolverPart[Lognormal]):
     dispersion: Finite | MISSING = MISSING
     """Standard deviation of the natural logarithm. [1]"""
     mean: Finite | MISSING = MISSING
-    """Mean, instead of the median. By default, if a deviation is given, the value of the case."""
+    """Mean; may be given in place of the median. By default, if a deviation is given, the value of the case."""
     standard_deviation: Finite | MISSING = MISSING
     """Standard deviation, in the unit of the field."""
     coefficient_of_variation: Finite | MISSING = MISSING
-    """Standard deviation divided by the mean, instead of `standard_deviation`. [1]"""
+    """Standard deviation divided by the mean; may be given in place of `standard_deviation`. [1]"""
 
     @property
     def open_centre(self) -> str:

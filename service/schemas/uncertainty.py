@@ -45,7 +45,7 @@ from solver.warnings import body_warnings
 
 SAMPLING = Sampling()
 MOST_SAMPLES_OF_A_REQUEST = 131_072
-"""Largest number of samples of one study, some minutes on two cores."""
+"""Largest number of samples of one study, which take a few minutes on two cores."""
 
 FEW_SAMPLES = {"uncertain": CENTRED, "sampling": {"max_samples": 512, "half_width": 0.05}}
 """Uncertain inputs and sampling for the examples of sweeps and batches, about a second of work per study."""

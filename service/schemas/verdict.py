@@ -188,7 +188,7 @@ class VerdictAnswer(Part):
     critical_angle_deg: Num | MISSING = MISSING
     """Critical angle with the inputs as given; absent if there is none. [°]"""
     range: LikelyAngles | MISSING = MISSING
-    """90 % range of the critical angle with the usual scatter, over the samples that have an angle. It includes
+    """90 % range of the critical angle, given the usual scatter, over the samples that have an angle. It includes
     `critical_angle_deg`. If the request has its own law, the range follows from that law."""
     held_angle_deg: Num | MISSING = MISSING
     """Critical angle with a strength factor that is constant from 55° on. Present if the strength factor of the request
@@ -202,20 +202,20 @@ class VerdictAnswer(Part):
     theory_range: LikelyAngles | MISSING = MISSING
     """90 % range that follows from the theories, in addition to `range`, which follows from the law of the request."""
     oblique_angle_deg: Num | MISSING = MISSING
-    """Oblique angle to judge, if one was given. [°]"""
+    """Oblique angle of the request, if it has one. [°]"""
     outcome: Outcome | MISSING = MISSING
-    """Outcome of the strike at the angle to judge, with the inputs as given."""
+    """Outcome of the strike at the requested oblique angle, with the inputs as given."""
     protrusion: Protrusion | MISSING = MISSING
     """Protrusion from the rear face, if the wall is not perforated and any part comes out."""
     flight: FlightResult | MISSING = MISSING
-    """Flight of the body after a ricochet at the angle to judge."""
+    """Flight of the body after a ricochet at the requested oblique angle."""
     ricochet_probability: Annotated[Num, Field(ge=0.0, le=1.0)] | MISSING = MISSING
-    """Probability of ricochet at the angle to judge, with the usual scatter. [1]"""
+    """Probability of ricochet at the requested oblique angle, given the usual scatter of the inputs. [1]"""
     ricochet_probability_interval: ProbabilityInterval | MISSING = MISSING
     probability_text: str | MISSING = MISSING
     """Text of the probability, as in `sentence`."""
     wall: WallDesign | MISSING = MISSING
-    """Design of the wall, if the target has a thickness. Without an angle to judge it is for normal impact."""
+    """Design of the wall, if the target has a thickness. Without an oblique angle it is for normal impact."""
     strength_factor: Num | MISSING = MISSING
     """Strength factor at the critical angle, if there is such an angle. [1]"""
     strength_factor_dispersion: Num
@@ -227,7 +227,7 @@ class VerdictAnswer(Part):
     usual_scatter: list[UncertainInput]
     """Usual scatter of the inputs, in the form of `/cra/uncertainty`."""
     warnings: list[ModelWarning]
-    """Warnings of the strike at the angle to judge, then of the search. If there is a 90 % range, each warning of the
+    """Warnings of the strike at the oblique angle, then of the search. If there is a 90 % range, each warning of the
     search with a known effect has an `angle_shift_deg`, and is a standing note if this shift is at most a quarter of
     the range."""
     keys: VerdictKeys

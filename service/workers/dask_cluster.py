@@ -70,7 +70,7 @@ class WorkerPlugin(Plugin):
         await self._pool.stop(STOP_SECONDS)
 
     def transition(self, key: object, start: TaskStateState, finish: TaskStateState, **_: object) -> None:
-        """Cancel a chunk that the scheduler has released, as Dask itself would let it run to its end."""
+        """Cancel a chunk that the scheduler has released; Dask itself would let it run to its end."""
         if finish == "released" and isinstance(key, str) and key in self._running:
             self._running[key].cancel()
 
@@ -114,7 +114,7 @@ async def run_chunk(
 
 
 def plugin_name(task_seconds: float) -> str:
-    """Return the name of the plugin. It contains the timeout, as services with different ones may share a cluster."""
+    """Return the name of the plugin. It contains the timeout: services with different ones may share a cluster."""
     return f"ricochet-{task_seconds:g}"
 
 

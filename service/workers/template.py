@@ -79,7 +79,7 @@ class Template:
                 stdin=subprocess.DEVNULL,
                 pass_fds=[theirs.fileno()],
                 process_group=0,
-                # One BLAS thread per worker is enough, as the workers already fill the cores.
+                # One BLAS thread per worker is enough, because the workers already fill the cores.
                 env={"OPENBLAS_NUM_THREADS": "1"} | os.environ,
             )
 

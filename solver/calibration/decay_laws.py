@@ -15,7 +15,8 @@ from solver.warnings import ModelWarning
 
 # Laws whose misfits differ by less than a fifth fit a motion about equally well; the value is a rough choice.
 BETTER = 0.8
-"""Normalised root mean square of the best law over that of the requested one, below which a warning appears. [1]"""
+"""Ratio of the normalised root mean square of the best law to that of the requested law, below which a warning appears.
+[1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -43,7 +43,7 @@ FIRST_LOOK = 41
 """Number of strength factors on the coarse grid."""
 # Residuals are divided by the span of their quantity, so a quantity that hardly changes would have an unlimited weight.
 SMALLEST_SPAN = 1e-3
-"""Least span by which the residuals of a quantity are divided, over the body length or one radian. [1]"""
+"""Least span by which the residuals of a quantity are divided, relative to the body length or one radian. [1]"""
 # A variance needs more than one sample, however strong the autocorrelation of the residuals.
 FEWEST_SAMPLES = 2.0
 """Least number of independent samples of a quantity."""
@@ -69,7 +69,7 @@ class MotionFit:
     root_mean_square: Mapping[str, float]
     """Root mean square of the residuals, by quantity. [m, m, rad]"""
     normalized_root_mean_square: float
-    """Weighted root mean square of the residuals, each over the span of its quantity. [1]"""
+    """Weighted root mean square of the residuals, each relative to the span of its quantity. [1]"""
     r_squared: Mapping[str, float]
     """Fraction of the variance that the prediction explains, by quantity; constant quantities are left out. [1]"""
     warnings: tuple[ModelWarning, ...]
@@ -232,7 +232,7 @@ def fit_motions(
     numerics: Numerics | None = None,
     confidence_level: float = 0.95,
 ) -> MotionsFit:
-    """Fit a common strength factor to the motions of several runs, and one to each run alone.
+    """Fit a common strength factor to the motions of several runs, and a separate one to each run.
 
     Parameters
     ----------

@@ -47,7 +47,7 @@ PAPER_TERMINATION_TIME = 5e-3
 """Default time after first contact at which the paper's searches evaluate the depth of the nose tip. [s]"""
 # The paper has no retention energy: its runs end at rest, or at the termination time.
 PAPER_THRESHOLDS = Thresholds(REST_FRACTION, REST_FRACTION)
-"""Thresholds of retention and rest in the paper's searches, over the initial kinetic energy. [1]"""
+"""Thresholds of retention and rest in the paper's searches, relative to the initial kinetic energy. [1]"""
 # A projectile that comes to rest in the target is embedded whatever its attitude.
 UNSTOPPED = (Outcome.RICOCHET, Outcome.PERFORATED, Outcome.IN_MOTION)
 """Outcomes for which a large turn of the body gives a warning."""

@@ -68,8 +68,8 @@ GROWTH = 4.0
 # the last level.
 SHIFT_ERROR = 0.12
 """Estimated error of a root, as a fraction of its shift between the last two levels. [1]"""
-# Two levels with the same error agree on a wrong root. An error of the margin shifts a root by the error over the slope
-# of the margin.
+# Two levels with the same error agree on a wrong root. An error of the margin shifts a root by the error divided by the
+# slope of the margin.
 MARGIN_ERROR = 9e-4
 """Error of the margin that two levels may have in common. [1]"""
 # Where the margin oscillates about zero, the roots of two levels are far apart, and a single trial proves nothing.

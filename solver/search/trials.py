@@ -233,9 +233,9 @@ def has_strength(oblique_angle: float, strength: Strength) -> bool:
 def _margin(end: int, state: FloatArray, model: Model, energy: float, retention: float, sought: int) -> float:
     """Return the margin of a trial: above zero if it ended as sought with the retention energy or more. [1]
 
-    If the trial ended as sought, the margin is the energy left minus the retention energy, over the initial energy. It
-    varies smoothly with the angle on both sides of zero, so secants converge. Otherwise it is negative, and decreases
-    with the square of the distance from the nose tip to the face through which the projectile should leave.
+    If the trial ended as sought, the margin is the energy left minus the retention energy, both divided by the initial
+    energy. It varies smoothly with the angle on both sides of zero, so secants converge. Otherwise it is negative, and
+    decreases with the square of the distance from the nose tip to the face through which the projectile should leave.
     """
     if end == sought:
         margin = energy - retention

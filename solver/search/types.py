@@ -252,10 +252,11 @@ class Change:
     starts_turned_away: bool = False
     """True if the projectile is turned away at the lower end of the range."""
     deciding: tuple[Trial, ...] = ()
-    """Trials on either side of each change of outcome, on which the result depends; empty if it depends on all
-    trials."""
+    """Trials on either side of each change of outcome, if the result depends on these alone; empty if it depends on
+    all trials."""
     nearby: tuple[float, float, float] | None = None
-    """Fractions of the energy left half a degree below and above the angle, and above it with more inertia. [1]"""
+    """Fractions of the energy left half a degree below the angle, half a degree above it, and half a degree above it
+    with more inertia. [1]"""
     outcomes: tuple[OutcomeInterval, ...] = ()
     perforations: tuple[tuple[float, float, float], ...] = ()
     """Angle of each change to or from perforation, and fractions of the energy left half a degree outside and inside

@@ -42,8 +42,8 @@ from solver.uncertainty.sampling import (
 from solver.uncertainty.surrogate import Expansion, Moments, direct_indices, expansion_moments, fit_expansion
 from solver.warnings import ModelWarning
 
-# An error of 0.1° is far below the usual scatter of the angle, some degrees. The samples also correct the probabilities
-# for this error.
+# An error of 0.1° is far below the usual scatter of the angle, a few degrees. The samples also correct the
+# probabilities for this error.
 SURROGATE_ERROR = math.radians(0.1)
 """Largest root mean square error of the surrogate at held-out points with which it is used. [rad]"""
 # Evaluating the surrogate takes microseconds, and with so many points its sampling error is negligible.

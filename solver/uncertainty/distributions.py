@@ -255,7 +255,7 @@ class Lognormal:
         return self._logarithm[1] >= WIDE
 
     def standard(self, u: FloatArray) -> FloatArray:
-        """Return x/√(1 + x²) at given probabilities, where x is the logarithm of the input over its median."""
+        """Return x/√(1 + x²) at given probabilities, where x = ln(input / median)."""
         from scipy.special import ndtri  # noqa: PLC0415 (slow to import, and needed for sampling only)
 
         # Critical angles level off where a factor on the resistance is very large or very small. Polynomials in a
@@ -334,7 +334,7 @@ class LogStudentT:
         return self.dispersion >= WIDE
 
     def scales(self, u: FloatArray) -> FloatArray:
-        """Return the logarithm of the input over its median, divided by the scale, at given probabilities. [1]"""
+        """Return ln(input / median) divided by the scale, at given probabilities. [1]"""
         from scipy.special import stdtr  # noqa: PLC0415 (slow to import, and needed for sampling only)
 
         lower = -math.inf if self.lower is None else math.log(self.lower / self.median) / self.scale
@@ -343,7 +343,7 @@ class LogStudentT:
         return np.asarray(np.clip(self._quantile(below + u * (1.0 - below - above)), lower, upper), float)
 
     def standard(self, u: FloatArray) -> FloatArray:
-        """Return x/√(1 + x²) at given probabilities, where x is the logarithm of the input over its median."""
+        """Return x/√(1 + x²) at given probabilities, where x = ln(input / median)."""
         x = self.scale * self.scales(u)
         return np.asarray(x / np.sqrt(1.0 + x * x), float)
 

@@ -30,19 +30,19 @@ HALF = math.sqrt(0.5)
 
 @dataclass(frozen=True, slots=True)
 class Narrowed:
-    """Input whose scatter decreases after some shots."""
+    """Input whose scatter decreases with the shots."""
 
     place: int
     """Index among the inputs of the study."""
     part: float
-    """Dispersion or scale after the shots, over its value before. [1]"""
+    """Ratio of the dispersion or scale after the shots to its value before. [1]"""
     distribution: Distribution
     """Distribution before the shots."""
     shots: int
     """Number of shots, by which the degrees of freedom of Student's distribution increase."""
 
     def weights(self, unit: FloatArray) -> FloatArray:
-        """Return the density after the shots over that before, up to a constant factor, at given probabilities."""
+        """Return the ratio of the density after the shots to that before, up to a factor, at given probabilities."""
         from scipy.special import ndtri  # noqa: PLC0415 (slow to import, and needed for sampling only)
 
         if isinstance(self.distribution, LogStudentT):
@@ -56,7 +56,7 @@ class Narrowed:
 
 @dataclass(frozen=True, slots=True)
 class NextShot:
-    """Expected scatter of the inputs of a study after some shots.
+    """Expected scatter of the inputs of a study after a number of shots.
 
     Notes
     -----
@@ -156,12 +156,12 @@ def _scale(distribution: Distribution) -> float:
 
 
 def _ratio(factor: Lognormal | LogStudentT, shots: int) -> float:
-    """Return the 90 % range of the factor after some shots, over that of a normal distribution with its scale. [1]"""
+    """Return the 90 % range of the factor after `shots` shots, relative to a normal one of the same scale. [1]"""
     return 1.0 if isinstance(factor, Lognormal) else tail_ratio(factor.degrees_of_freedom + shots)
 
 
 def _dispersion(scale: float, factor: Lognormal | LogStudentT, shots: int) -> float:
-    """Return the standard deviation of ln S after some shots, for the distribution of the factor on S. [ln]"""
+    """Return the standard deviation of ln S after `shots` shots; `factor` multiplies S in the study. [ln]"""
     if isinstance(factor, Lognormal):
         return scale
     return student_dispersion(scale, factor.degrees_of_freedom + shots)

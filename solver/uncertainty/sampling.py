@@ -181,7 +181,7 @@ class Sampling:
 
     @property
     def normal_quantile(self) -> float:
-        """Half width of an interval over its standard error, for the normal distribution. [1]"""
+        """Half width of an interval divided by its standard error, for the normal distribution. [1]"""
         from scipy.special import ndtri  # noqa: PLC0415 (slow to import, and needed for sampling only)
 
         return float(ndtri(0.5 + 0.5 * self.confidence))
@@ -196,7 +196,7 @@ class Sampling:
 
     @property
     def student_quantile(self) -> float:
-        """Half width of an interval over its standard error, if that comes from the scatter between scramblings. [1]"""
+        """Half width of an interval, in standard errors that come from the scatter between scramblings. [1]"""
         # The means of the scramblings are not quite normal. With half the nominal probability outside, intervals
         # contain the true value as often as the confidence level states (`tests/uncertainty/test_coverage.py`).
         from scipy.special import stdtrit  # noqa: PLC0415 (slow to import, and needed for sampling only)

@@ -25,11 +25,11 @@ class Shape(NamedTuple):
     """Orders of the polynomial products in a basis."""
 
     order: int
-    """Highest total order of the products, except for those with the orders below."""
+    """Highest total order of the products. The other fields allow higher orders in products of one or two inputs."""
     narrow: int = 0
-    """Highest order of a polynomial in a single input that does not span a large factor; used if above `order`."""
+    """Highest order of a product with only one input, if that does not span a large factor; used if above `order`."""
     wide: int = 0
-    """Highest order of a polynomial in a single input that spans a large factor; used if above `order`."""
+    """Highest order of a product with only one input, if that spans a large factor; used if above `order`."""
     wide_with_one: int = 0
     """Highest order in an input that spans a large factor, in products with the first order in one other input; used if
     not below `order`."""
@@ -68,7 +68,8 @@ WIDE_SHAPES = (
 # unreliable.
 POINTS_PER_TERM = 2
 """Least number of points per term of a fit."""
-# The error of a standard deviation from 400 draws is 3.5 %, less than the uncertainty of the errors that it describes.
+# A standard deviation from 400 draws has a relative error of 3.5 %, which is less than the uncertainty of the standard
+# error that it estimates.
 DRAWS = 400
 """Number of random draws of the coefficients, for the intervals of quantities derived from them."""
 # 499 resamples resolve the ends of a 95 % interval, and a batch of 50 limits the memory.
@@ -76,7 +77,7 @@ RESAMPLES, BATCH = 499, 50
 """Number of bootstrap resamples, and of resamples in memory at a time."""
 # The interval of a deterministic result must not be narrower than its rounding error.
 ROUNDING = 1e-12
-"""Least half width of an interval, over the larger of the value and 1. [1]"""
+"""Least half width of an interval, relative to the larger of the value and 1. [1]"""
 
 
 class Basis:

@@ -184,7 +184,7 @@ class Verdict:
     flight: Flight | None = None
     """Flight of the body after a ricochet at the angle to judge; None without a ricochet."""
     probability: Estimate | None = None
-    """Probability of ricochet at the angle to judge, with the usual scatter, and its sampling interval; None if it was
+    """Probability of ricochet at the angle to judge, given the usual scatter, and its sampling interval; None if it was
     not computed. [1]"""
     wall: WallVerdict | None = None
     """Verdict on the wall, if the target has a thickness; without an angle to judge it is for normal impact."""

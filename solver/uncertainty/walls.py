@@ -53,7 +53,7 @@ class DesignValue:
     by_formula: str | None = None
     """Name of the formula that gives the limit, even if the model determines the design thickness."""
     enough: bool | None = None
-    """True if the wall of the case has at least the design thickness and, for perforation, nothing comes out of its
+    """True if the target wall has at least the design thickness and, for perforation, nothing comes out of its
     rear face in the model; None without a wall or a design value."""
 
 
@@ -85,7 +85,7 @@ class WallVerdict:
     """Verdict on a wall: required thicknesses against perforation and scabbing, and results of the model."""
 
     thickness: float | None
-    """Thickness of the wall of the case; None if only design values are wanted. [m]"""
+    """Thickness of the target wall; None if only design values are wanted. [m]"""
     oblique_angle: float
     """Oblique angle from the inward normal. [rad]"""
     perforation: DesignValue
@@ -97,7 +97,7 @@ class WallVerdict:
     variants: RearFaceVariants
     """Least thickness of a wall that is not perforated in the model. [m]"""
     outcome: Outcome | None = None
-    """Outcome of the strike on the wall of the case in the model, with the resistance as given."""
+    """Outcome of the strike on the target wall in the model, with the resistance as given."""
     protrusion: Protrusion | None = None
     """Protrusion of the body from the rear face in the model; None if nothing protrudes, or if the body perforates."""
     characteristic_strength: float | None = None
@@ -522,7 +522,7 @@ def _reason(name: Question, value: DesignValue) -> str:
 
 
 def _thickness(value: float) -> str:
-    """Format a thickness [m], rounded up to be on the safe side, in millimetres or tenths of an inch."""
+    """Format a thickness [m], rounded up to a whole millimetre or a tenth of an inch to be on the safe side."""
     return with_symbol(rounded(value, "mm", math.ceil), "mm")
 
 

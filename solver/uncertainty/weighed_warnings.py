@@ -23,7 +23,7 @@ HELD_EARLIER = math.radians(55.0)
 # An effect that is small compared with the scatter should not distract from other warnings. A quarter is a rough
 # choice.
 LITTLE_SHIFT = 0.25
-"""Largest shift of the angle with which a warning is a standing note, over the width of the 90 % range. [1]"""
+"""Largest shift of the angle with which a warning is a standing note, relative to the width of the 90 % range. [1]"""
 MOVES = {
     RETENTION_DECIDES: "with those thresholds it moves by",
     EXTRAPOLATED: f"with S from {math.degrees(ObliquityPolynomial.fitted_to):g}° on as it is there, the angle moves by",

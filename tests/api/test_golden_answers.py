@@ -28,8 +28,8 @@ NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+(?:[eE][-+]?\d+)?|[eE][-+]?\d+)(?![
 VOLATILE = {"id", "created", "started", "finished", "expires", "progress", "libraries", "engine_version"}
 """Fields that differ between two runs of the same requests, or between versions of the engine."""
 TOLERANCE = 2e-3
-"""Relative tolerance of numbers. Code compiled for other processors (`NUMBA_CPU_NAME=generic` and `haswell`)
-deviated by at most half of it."""
+"""Relative tolerance of numbers. The results of code compiled for other processors (`NUMBA_CPU_NAME=generic` and
+`haswell`) differed by at most half of it."""
 SENSITIVE = 0.3
 """Relative tolerance of numbers from trials next to the critical angle, of loads at the end of a motion, and of small
 differences."""

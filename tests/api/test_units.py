@@ -131,7 +131,7 @@ def test_refusals_are_in_the_units_that_the_request_names(client: httpx.Client, 
 
 @pytest.mark.parametrize("place", ["/cases/0", "/0", "/base"])
 def test_refusals_of_many_cases_are_in_the_units_of_each(client: httpx.Client, place: str) -> None:
-    """In batches and sweeps, only studies may name a system of units; their refusals use it."""
+    """In batches and sweeps, only studies may name a system of units. Each refusal is in the units of its study."""
     axis = {"field": "projectile.mass_kg", "values": [13.0, 14.0]}
     study = STRIKE | {"uncertain": SAMPLED["uncertain"], "impact": {"velocity_m_s": 2e4, "oblique_angle_deg": 50.0}}
     in_si, in_us = "must be 0.1 to 10,000 m/s, got 20,000 m/s", "must be 0.328084 to 32,808.4 ft/s, got 65,616.8 ft/s"

@@ -28,7 +28,7 @@ def searches(count: int, first: int = 0) -> list[dict[str, Any]]:
 
 
 def trajectories(count: int, first: int = 0, *, slow: bool) -> list[dict[str, Any]]:
-    """Return `count` trajectories that take some milliseconds each, or about 10 s if `slow`."""
+    """Return `count` trajectories that take a few milliseconds each, or about 10 s if `slow`."""
     numerics = {"method": "panels"} | ({"panels": 100_000, "time_step_s": 1e-6} if slow else {"panels": 1000})
     return [
         PAPER_AT_45

@@ -144,7 +144,7 @@ def test_constant_of_ndrc_agrees_with_us_units() -> None:
 
 
 def test_constant_of_ace_agrees_with_us_units() -> None:
-    """In lb, in, ft/s and psi: 222 P d^0.215 (V / 1000)^1.5 / sqrt(f'c), with P the weight over the cross section."""
+    """In lb, in, ft/s and psi: 222 P d^0.215 (V / 1000)^1.5 / sqrt(f'c), with P the weight per cross-sectional area."""
     converted = 222.0 * 4.0 / math.pi / POUND * INCH**2.785 * math.sqrt(PSI) / (1000.0 * FOOT) ** 1.5
     assert converted == pytest.approx(3.510e-4, abs=5e-8)
     answer = ace(projectile=PAPER, target=PAPER_TARGET, impact=normal(238.0))

@@ -230,7 +230,7 @@ def test_threads_of_a_computation_are_cancelled_with_it() -> None:
 
 
 def test_computation_repeated_in_another_thread_gives_the_same_result() -> None:
-    """A search of a few seconds is repeated in another thread if it was called in the main thread, otherwise not."""
+    """A search of a few seconds that begins in the main thread is repeated in another one; elsewhere it runs once."""
     arguments: dict[str, Any] = {
         "projectile": PAPER_PROJECTILE,
         "target": PAPER_TARGET,

@@ -37,7 +37,7 @@ from solver.time_integration import LARGEST_STEP, Accuracy, integrate_adaptive, 
 from .strikes import DECAYS, DIAMETER, NOSES, TAPERING, known, steel
 
 REST = 1e-2
-"""Kinetic energy over its initial value below which fixed steps are too inaccurate for a comparison. [1]"""
+"""Kinetic energy relative to its initial value below which fixed steps are too inaccurate for a comparison. [1]"""
 
 CASES: list[tuple[str, float, float, float, str]] = [
     # nose, oblique angle [°], angle of attack [°], velocity [m/s], decay

@@ -45,7 +45,8 @@ from .strikes import (
 )
 
 WALL = replace(PAPER_TARGET, thickness=0.2)
-"""Wall in the independent program, which used elastic-plastic decay, eq. 9, 344 rows of 40 panels and steps of 1 µs."""
+"""Wall of the reference values. The independent program that computed them used elastic-plastic decay, eq. 9, 344 rows
+of 40 panels and steps of 1 µs."""
 
 
 def strike(angle: float, target: Target = WALL, **options: Any) -> Trajectory:
