@@ -170,16 +170,16 @@ class JobSettings(SettingsGroup):
 
     # The bound of 1,000 is the largest batch that the contract accepts as JSON.
     small_cases: Annotated[int, Field(ge=0, le=1000)] = 100
-    """Largest number of cases that are answered in the response; more become a job. [1] A hundred cases take about a
-    second. A search for perforation counts as 20."""
+    """Largest number of cases that are answered in the response; a larger batch becomes a job. [1] A hundred cases
+    take about a second. A search for perforation counts as 20."""
     small_samples: Annotated[int, Field(ge=0, le=16_384)] = 16_384
     """Largest number of samples of a study of uncertainty, or of all studies of a sweep or batch, that is answered in
-    the response; more become a job. [1] Sixteen thousand samples take about a minute."""
+    the response; a larger request becomes a job. [1] Sixteen thousand samples take about a minute."""
     max_queued_cases: Annotated[int, Field(ge=1)] = 2_000_000
     """Largest number of cases that wait in all jobs. [1] The cases of one owner may fill half of the space that other
     owners leave. On an idle service that is a million cases: ten of the largest batches, hours of work."""
     job_days: Annotated[float, Field(gt=0.0)] = 7.0
-    """Time for which a job is kept after its end. The default leaves some working days after a weekend. [days]"""
+    """Time for which a job is kept after its end. A week includes five working days. [days]"""
     owner_jobs_bytes: Annotated[int, Field(ge=1)] = 1024**3
     """Disk space for the jobs of one owner without their results, enough for ten million usual cases. [bytes] The jobs
     that ended first are removed to make room for a new one."""
