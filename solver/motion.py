@@ -81,7 +81,7 @@ class Workspace(NamedTuple):
     point: FloatArray
     """(6,) state within the step."""
     points: FloatArray
-    """(6 `MOST_STATES`,) states near the start, concatenated, for difference quotients."""
+    """(6 `MOST_STATES`,) states near the start, concatenated, for finite differences."""
     slopes: FloatArray
     """(3 `MOST_STATES`,) accelerations at `points`."""
     stages: FloatArray

@@ -873,7 +873,7 @@ def plug_height(*, resistance: Resistance, target: Target, projectile: Projectil
 
 
 def nose_factor(projectile: Projectile) -> float:
-    """Return the nose factor N: the inertial resistance of the nose over that of a flat face. [1]
+    """Return the nose factor N: the inertial resistance of the nose divided by that of a flat face. [1]
 
     Notes
     -----

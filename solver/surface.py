@@ -30,8 +30,8 @@ toward the rear face only. `CENTRED`: all normals pass through the centre of gra
 the body. `sections` explains the limit on a cavity."""
 # A centre of gravity computed from the shape misses the centre by rounding errors, which are far below this bound.
 CENTRED_WITHIN = 1e-9
-"""Largest distance from the centre of a sphere to its centre of gravity with which it counts as `CENTRED`, over its
-radius. [1]"""
+"""Largest distance from the centre of a sphere to its centre of gravity with which it counts as `CENTRED`, relative
+to its radius. [1]"""
 
 # Where the base faces the impact face, the channel that the body has cut is behind it. This is an unbounded cavity,
 # whose decay factor is zero to the precision of its polynomials. With the exact cosine, r / cos α would be a division

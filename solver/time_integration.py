@@ -176,13 +176,13 @@ ERROR_WEIGHTS = np.array([2.302155402932996, 3.073634485392623, -0.8732808018045
 """Weights of the stages in the difference of the solutions of order 4 and 3."""
 EVALUATIONS = 2
 """Number of evaluations of the load in one attempt at a step, not counting its two ends."""
-# The error of a forward difference quotient is smallest near the square root of the rounding error, 1.5e-8. A value
+# The error of a forward difference is smallest near the square root of the rounding error, 1.5e-8. A value
 # several times as large allows for the rounding of the sums over the rings.
 DIFFERENCE = 1e-7
-"""Increment of position in difference quotients, relative to the distance from centre of gravity to tip. [1]"""
+"""Increment of position in finite differences, relative to the distance from centre of gravity to tip. [1]"""
 # The static stress rises from zero over the ramp velocity, so the increment has to be a small fraction of it.
 VELOCITY_DIFFERENCE = 1e-3
-"""Increment of velocity in difference quotients, relative to the ramp velocity. [1]"""
+"""Increment of velocity in finite differences, relative to the ramp velocity. [1]"""
 DIFFERENCES = MOST_STATES
 """Number of evaluations of the load for one linearisation."""
 
@@ -205,7 +205,7 @@ def make_linearisation() -> Linearisation:
 
 @lean
 def linearise(state: FloatArray, model: Model, work: Workspace, linear: Linearisation) -> None:
-    """Compute the Jacobian of the accelerations at `state` by forward difference quotients.
+    """Compute the Jacobian of the accelerations at `state` by forward differences.
 
     The column of the lateral position stays zero: the target is the same everywhere along its face.
     """
@@ -217,7 +217,7 @@ def linearise(state: FloatArray, model: Model, work: Workspace, linear: Linearis
         for n in range(6):
             points[6 * k + n] = state[n]
     small, c, s = VELOCITY_DIFFERENCE * model.law.ramp_velocity, math.cos(state[2]), math.sin(state[2])
-    # Increments point away from zero, so that the difference quotients of mirrored states mirror each other. Central
+    # Increments point away from zero, so that the differences of mirrored states mirror each other. Central
     # differences in the velocities have that property too, but take three more evaluations in each step.
     deeper, turned = math.copysign(DIFFERENCE * length, state[0]), math.copysign(DIFFERENCE, state[2])
     along = math.copysign(small, c * state[3] + s * state[4])

@@ -96,7 +96,7 @@ def _ratio(axes: Axes, assessment: Assessment, velocities: FloatArray, ratios: F
 
 
 SERIES = "forrestal-1994"
-"""Series for which the reference values below, of predicted over measured depth by the closed form with
+"""Series for which the reference values below, ratios of predicted to measured depth by the closed form with
 S = 82.6 f'c^−0.544, were set before the comparison was made."""
 MEAN_RATIO, MEAN_RATIO_TOLERANCE = 1.02, 0.03
 VARIATION, VARIATION_TOLERANCE = 0.08, 0.02
@@ -104,7 +104,7 @@ FIGURE_NAMES = ("power-law-82.6", "power-law-72", "constant-8.52", "leave-one-ou
 
 
 def ratios_section(assessment: Assessment) -> Section:
-    """Return the section on predicted over measured depth, for every choice of S and both methods."""
+    """Return the section on ratios of predicted to measured depth, for every choice of S and both methods."""
     text = (
         (
             "Four choices of the strength factor S. Two are correlations with the strength f'c in MPa, of Frew et "

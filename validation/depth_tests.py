@@ -243,11 +243,11 @@ BAND = 0.2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Agreement:
-    """Statistics of predicted over measured depth for some tests."""
+    """Statistics of the ratio of predicted to measured depth over a set of tests."""
 
     number: int
     mean_ratio: float
-    """Mean of predicted over measured depth. [1]"""
+    """Mean ratio of predicted to measured depth. [1]"""
     coefficient_of_variation: float
     """Sample standard deviation, with n - 1, divided by the mean. [1]"""
     within_band: int
@@ -307,7 +307,7 @@ class Assessment:
         return np.array([strike.test.depth for strike in self.strikes])
 
     def ratios(self, method: str, factor_model: str) -> FloatArray:
-        """Return predicted over measured depth of each test, counted or not. [1]"""
+        """Return the ratio of predicted to measured depth of each test, counted or not. [1]"""
         return self.predictions[method, factor_model].depths / self.measured
 
     def chosen(self, choice: Choice = every) -> list[int]:

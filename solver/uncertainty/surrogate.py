@@ -172,9 +172,9 @@ def _fit(basis: Basis, z: FloatArray, values: FloatArray) -> Expansion:
     inverse = np.linalg.inv(triangle)
     coefficients = inverse @ (orthogonal.T @ values)
     leverage = (orthogonal**2).sum(axis=1)
-    # The residual over one minus the leverage is the residual of the fit without the point (Allen 1974), so no fit has
-    # to be repeated. The leverage is 1 where a fit goes through a point whatever its value; the floor avoids a division
-    # by zero there.
+    # The residual divided by one minus the leverage is the residual of the fit without the point (Allen 1974), so no
+    # fit has to be repeated. The leverage is 1 where a fit goes through a point whatever its value; the floor avoids a
+    # division by zero there.
     held_out = (values - matrix @ coefficients) / np.maximum(1.0 - leverage, 1e-9)[:, None]
     errors = np.sqrt((held_out**2).mean(axis=0))
     return Expansion(basis, coefficients.T, errors[:, None, None] * inverse, held_out)
