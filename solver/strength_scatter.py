@@ -44,7 +44,7 @@ STRENGTH_DISPERSION = 0.12
 # The laws are power laws or nearly so. Their logarithm is nearly linear in ln f'c, so the increment may be as large as
 # one per cent.
 STRENGTH_STEP = 0.01
-"""Increment of ln f'c in the difference quotient of ln(S f'c). [ln]"""
+"""Increment of ln f'c in the finite difference of ln(S f'c). [ln]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,7 +140,7 @@ def scatter_of_strength(
 
 def strength_slope(projectile: Projectile, target: Target, resistance: Resistance) -> float:
     """Return the derivative d ln(S f'c) / d ln f'c in normal impact. [1]"""
-    # A strength at the upper bound gets a backward difference quotient.
+    # A strength at the upper bound gets a backward difference.
     step = STRENGTH_STEP
     if not BOUNDS["target.compressive_strength"].holds(math.exp(step) * target.compressive_strength):
         step = -step
