@@ -4,6 +4,7 @@ import { labelWithUnit, withUnit } from "./fields.js";
 import { unitOf } from "./units.js";
 import { cellWords, ENDINGS, endingShown, PLAIN, QUANTITIES, rareWarnings } from "./map-cells.js";
 import { drawCurve } from "./map-curve.js";
+import { nice } from "./run.js";
 import { warningShown } from "./words.js";
 
 // Viridis without its darkest quarter, so that dark lines and labels can be read on every colour.
@@ -95,12 +96,20 @@ function contours(place, z) {
     ...place,
     type: "contour",
     z,
-    contours: { coloring: "none", showlabels: true, labelfont: { size: 11, color: INK } },
+    contours: { coloring: "none", showlabels: true, labelfont: { size: 11, color: INK }, ...levels(z.flat().filter((value) => value !== null)) },
     line: { color: INK, width: 1 },
     showscale: false,
     showlegend: false,
     hoverinfo: "skip",
   };
+}
+
+/** Return round levels for contour lines through some values; Plotly itself would keep the levels of the map drawn before. */
+function levels(values) {
+  const [least, most] = [Math.min(...values), Math.max(...values)];
+  if (!(most > least)) return {};
+  const size = nice((most - least) / 6);
+  return { start: Math.ceil(least / size) * size, end: most, size };
 }
 
 /** Return the line beyond which the surface of the projectile yields in bending; none if all cells yield, or none does. */

@@ -477,6 +477,22 @@ def test_large_map_appears_on_a_coarse_grid_first(page: Page) -> None:
     assert fine[-1][-1] == pytest.approx(coarse[-1][-1], abs=1.0)
 
 
+def test_contour_lines_have_levels_of_the_quantity_that_is_drawn(page: Page) -> None:
+    run_map(page, "x=impact.velocity_m_s,140,330,3&y=target.compressive_strength_pa,23e6,55e6,3", 9)
+    page.get_by_label("Show").select_option(label="Least thickness at an angle")
+    page.get_by_role("button", name="Run").click()
+    expect(page.locator("#map-counts")).to_contain_text("Lines: least thickness [mm]")
+    expect(page.locator(".map[aria-busy=true]")).to_have_count(0)
+    levels, least, most = page.locator(".map .drawing").evaluate(
+        """(plot) => {
+            const { contours, z } = plot._fullData.find(({ type }) => type === "contour");
+            return [contours, Math.min(...z.flat()), Math.max(...z.flat())];
+        }"""
+    )
+    assert least <= levels["start"] <= levels["end"] <= most
+    assert 2 <= (most - least) / levels["size"] <= 15
+
+
 def test_map_of_least_thickness_has_the_numbers_of_the_service(
     page: Page, client: httpx.Client, tmp_path: Path
 ) -> None:
