@@ -25,7 +25,7 @@ from solver.resistance import (
 )
 from solver.strike import PAPER_PROJECTILE, Impact
 from solver.target import MOST_PLUG, Target
-from solver.units import fixed, interval, number, quantity, with_symbol
+from solver.units import fixed, interval, quantity, rounded, with_symbol
 
 # Steel noses eroded above about this speed in tests (Forrestal et al. 1996).
 RIGID_VELOCITY = 800.0
@@ -268,12 +268,13 @@ def _rear_face(*, projectile: Projectile, target: Target, resistance: Resistance
     else:
         front = "" if resistance.crater is not None else " and the impact face no crater"
         code = "rear_face_unconservative"
-        detail = f"the rear face has no plug that shears out{front}: walls hold less than this says"
+        detail = f"the rear face has no plug that shears out{front}: real walls resist less than the model computes"
     oblique_angle = math.degrees(abs(impact.oblique_angle))
     strike = f"{quantity(impact.velocity, 'm/s')} at {oblique_angle:.4g}° from the normal"
     answers = formulas(projectile=projectile, target=target, impact=impact)
     if required := spread(answers, "perforation_thickness"):
-        thicknesses = [number(each, "mm", 3) for each in sorted({required.lowest, required.highest})]
+        # Rounded up, as in the design values: to be on the safe side.
+        thicknesses = [rounded(each, "mm", math.ceil) for each in sorted({required.lowest, required.highest})]
         by = "formula within its range requires" if required.count == 1 else "formulas within their range require"
         needed = with_symbol(" to ".join(dict.fromkeys(thicknesses)), "mm")
         detail += f"; against {strike} {required.count} {by} {needed}"
