@@ -242,13 +242,14 @@ class Verdict:
             text = "Critical angle not known: the search did not converge"
         if self.own_law:
             text += " with the law chosen"
+        share = f"{100.0 * self.share_without:.0f} % of the samples without one from {lower} to {upper}"
+        if self.spread is not None and self.share_without > 0.1:  # The range is then not one of 90 % of all samples.
+            return f"{text}, {share}, 90 % range of the others {self.range_text}"
         if self.spread is not None:
             text += f", 90 % range {self.range_text}"
         elif self.reason_without_range:
             text += f", {self.reason_without_range}"
-        if self.share_without >= 0.005:  # a smaller share would appear as 0 %
-            text += f", {100.0 * self.share_without:.0f} % of the samples without one from {lower} to {upper}"
-        return text
+        return f"{text}, {share}" if self.share_without >= 0.005 else text  # a smaller share would appear as 0 %
 
     def _more(self) -> list[str]:
         found = []
