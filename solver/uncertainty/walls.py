@@ -136,17 +136,27 @@ def _judged(wall: WallVerdict) -> str:
     text = f"Wall of {_length(wall.thickness)} at {math.degrees(wall.oblique_angle):.6g}° from the normal"
     missed = [name for name, value in _questions(wall) if value.enough is False]
     if missed:
-        return f"{text}: not enough against {' and '.join(missed)}."
+        # Without these words a reader would take it that the wall is enough against the other, whatever the angle.
+        oblique = [name for name, value in _questions(wall) if value.enough and _is_thinner_than_normal(wall, name)]
+        also = f"; enough against {oblique[0]} at this angle only" if oblique else ""
+        return f"{text}: not enough against {' and '.join(missed)}{also}."
     if not wall.enough:
         return f"{text}: not known to be enough."
     # Design practice assumes normal impact, so readers would take "enough" alone as valid for all angles.
     return f"{text}: enough at this angle only." if _is_thinner_than_normal(wall) else f"{text}: enough."
 
 
-def _is_thinner_than_normal(wall: WallVerdict) -> bool:
-    """Return whether a wall that is struck obliquely is thinner than a design value for normal impact."""
-    values = [each for each in wall.normal_impact if each is not None]
-    return wall.thickness is not None and wall.oblique_angle != 0.0 and wall.thickness < max(values, default=0.0)
+def _is_thinner_than_normal(wall: WallVerdict, *questions: Question) -> bool:
+    """Return whether a wall that is struck obliquely is thinner than a design value for normal impact.
+
+    Parameters
+    ----------
+    *questions
+        Questions whose design values count; all, if none is given.
+    """
+    by_name: dict[Question, float | None] = dict(zip(MARGINS, wall.normal_impact, strict=True))
+    largest = max(by_name[name] or 0.0 for name in questions or by_name)
+    return wall.thickness is not None and wall.oblique_angle != 0.0 and wall.thickness < largest
 
 
 def _required(wall: WallVerdict) -> str:

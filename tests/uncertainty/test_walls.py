@@ -88,7 +88,7 @@ def test_design_value_is_at_least_the_model_with_plug_and_crater() -> None:
     held = judge(LONG_OGIVE, wall, 242.0, 67.1)
     assert (held.enough, held.perforation.formula) == (False, "hughes")
     assert known(held.perforation.design) > known(held.variants.rear_plug_and_crater)
-    assert "not enough against scabbing. Design value against scabbing 462 mm" in str(held)
+    assert "enough against perforation at this angle only. Design value against scabbing 462 mm" in str(held)
 
 
 @pytest.mark.parametrize("target", [PAPER_TARGET, replace(PAPER_TARGET, thickness=0.3)])
@@ -125,6 +125,21 @@ def test_sentence_states_that_a_wall_is_enough_only_at_its_angle(thickness: floa
     assert found.enough is True
     assert f"Wall of {1e3 * thickness:.0f} mm at {degrees:g}° from the normal: {words}." in str(found)
     assert ("this wall is thinner" in str(found)) is words.endswith("only")
+
+
+@pytest.mark.parametrize(
+    ("thickness", "words"),
+    [
+        (0.5, "not enough against scabbing; enough against perforation at this angle only"),
+        (0.4, "not enough against scabbing and perforation"),
+    ],
+)
+def test_sentence_on_a_failing_wall_states_whether_it_is_enough_against_the_other_danger(
+    thickness: float, words: str
+) -> None:
+    """Against perforation 440 mm are required at 45°, and 599 mm in normal impact."""
+    found = judge(PAPER_PROJECTILE, replace(PAPER_TARGET, thickness=thickness), 238.0, 45.0)
+    assert f"Wall of {1e3 * thickness:.0f} mm at 45° from the normal: {words}." in str(found)
 
 
 def test_design_values_use_the_characteristic_strength_and_the_model_the_mean() -> None:
