@@ -486,7 +486,8 @@ def test_contour_lines_have_levels_of_the_quantity_that_is_drawn(page: Page) -> 
     levels, least, most = page.locator(".map .drawing").evaluate(
         """(plot) => {
             const { contours, z } = plot._fullData.find(({ type }) => type === "contour");
-            return [contours, Math.min(...z.flat()), Math.max(...z.flat())];
+            const drawn = z.flatMap((row) => [...row]);
+            return [contours, Math.min(...drawn), Math.max(...drawn)];
         }"""
     )
     assert least <= levels["start"] <= levels["end"] <= most
