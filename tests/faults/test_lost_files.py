@@ -46,26 +46,26 @@ def damage_jobs(server: RestartableServer, choice: random.Random) -> int:
 
 def truncate_segment(server: RestartableServer, choice: random.Random) -> int:
     """Cut off the end of a file of results."""
-    segment = _any_segment(server, choice)
+    segment, lost = _any_segment(server, choice)
     os.truncate(segment.path, choice.randrange(segment.path.stat().st_size))
-    return len(segment.keys)
+    return lost
 
 
 def flip_bit(server: RestartableServer, choice: random.Random) -> int:
     """Change one bit of a file of results, but not its size or time."""
-    segment = _any_segment(server, choice)
+    segment, lost = _any_segment(server, choice)
     status, content = segment.path.stat(), bytearray(segment.path.read_bytes())
     content[choice.randrange(len(content))] ^= 1 << choice.randrange(8)
     segment.path.write_bytes(content)
     os.utime(segment.path, ns=(status.st_atime_ns, status.st_mtime_ns))
-    return len(segment.keys)
+    return lost
 
 
 def lose_segment(server: RestartableServer, choice: random.Random) -> int:
     """Remove a file of results."""
-    segment = _any_segment(server, choice)
+    segment, lost = _any_segment(server, choice)
     segment.path.unlink()
-    return len(segment.keys)
+    return lost
 
 
 LOSSES: tuple[Loss, ...] = (
@@ -110,8 +110,15 @@ def test_lost_files_cost_only_their_own_results(rounds: int, tmp_path: Path) -> 
         assert server.logged_errors() == []
 
 
-def _any_segment(server: RestartableServer, choice: random.Random) -> Segment:
-    return choice.choice(list(segments(server.data).values()))
+def _any_segment(server: RestartableServer, choice: random.Random) -> tuple[Segment, int]:
+    """Choose a file of results; return it with the number of its results that no other file has.
+
+    A server that is killed while it merges files leaves the results in both the old files and the new one.
+    """
+    files = list(segments(server.data).values())
+    chosen = choice.choice(files)
+    elsewhere = {key for each in files if each is not chosen for key in each.keys}
+    return chosen, len(set(chosen.keys) - elsewhere)
 
 
 def _remove(path: Path, choice: random.Random) -> int:
