@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from .cases import LONG, jsonl, searches
-from .data_folder import INDEX, JOBS, Segment, segments
+from .data_folder import INDEX, JOBS, Segment, journaled, segments
 from .server import RestartableServer
 
 CASES = 200
@@ -111,13 +111,13 @@ def test_lost_files_cost_only_their_own_results(rounds: int, tmp_path: Path) -> 
 
 
 def _any_segment(server: RestartableServer, choice: random.Random) -> tuple[Segment, int]:
-    """Choose a file of results; return it with the number of its results that no other file has.
+    """Choose a file of results; return it with the number of its results that neither another file nor the journal has.
 
-    A server that is killed while it merges files leaves the results in both the old files and the new one.
+    A server that is killed while it merges files, or writes the journal to one, leaves results in both places.
     """
     files = list(segments(server.data).values())
     chosen = choice.choice(files)
-    elsewhere = {key for each in files if each is not chosen for key in each.keys}
+    elsewhere = {key for each in files if each is not chosen for key in each.keys} | journaled(server.data).keys()
     return chosen, len(set(chosen.keys) - elsewhere)
 
 
