@@ -21,7 +21,7 @@ const STRIP = { edge: 14, margin_deg: 4, row: 13, rows: 2 }; // lengths in px, t
 /**
  * Return the verdict on a strike: the deciding sentence, the sentences that explain it, and the design values of a wall.
  *
- * Together they are the `sentence` of the service; until that arrives, `first` says how the strike ends.
+ * Together they are the `sentence` of the service; until that arrives, `first` says how the strike ends, and that a wall is not judged yet.
  *
  * @param {{values: object, run: object, found: object, judged?: object}} known the answers to `/trajectory`, `/cra` and
  *   `/verdict` for a case; `judged` may be for another oblique angle, which does not change its range
@@ -34,15 +34,15 @@ function verdictOf({ values, run, found, judged }) {
   const range = judged?.range_text ? `, 90 % range ${judged.range_text}` : "";
   const isJudged = judged?.oblique_angle_deg === values.impact.oblique_angle_deg;
   const probability = isJudged && judged.probability_text ? ` (${run.outcome === "ricochet" ? "" : "ricochet "}${judged.probability_text})` : "";
-  const line = `${capital(endingShown(run))} at ${mine}${probability}, ${angle ? `critical angle ${angle}` : "no critical angle"}`;
-  if (!isJudged) {
-    const second = `${angle ? `Critical angle ${angle}` : "No critical angle"}${range}.`;
-    return { first: `At ${mine} from the normal, with the inputs as given: ${endingShown(run)}.`, second, end: endOf(run), design: "", angle, line };
-  }
-  const [first, ...others] = sentencesOf(judged.sentence);
-  const last = others.findIndex((each) => each.startsWith("Wall ")) + 1 || others.length; // the design values of a wall follow
-  const end = range && judged.probability_text === undefined ? `${mine} is not in the range searched. ${endOf(run)}` : endOf(run);
-  return { first, second: others.slice(0, last).join(" "), end, design: others.slice(last).join(" "), angle, line };
+  const [ending, critical] = [endingShown(run), angle ? `critical angle ${angle}` : "no critical angle"];
+  const unjudged = values.target.thickness_m === undefined ? "" : "; the wall is not judged yet";
+  const pending = `At ${mine} from the normal, with the inputs as given: ${ending}${unjudged}. ${capital(critical)}${range}.`;
+  const [strike, design = ""] = (isJudged ? judged.sentence : pending).split(/ (?=(?:Design|No design) value)/);
+  const [first, ...others] = sentencesOf(strike);
+  const wall = /^(The w|W)all /.test(first) ? `${first.replace(/ of .* from the normal:/, "").split(/[.:]/)[0]}; ` : "";
+  const line = `${capital(`${wall}${ending}`)} at ${mine}${isJudged ? probability : unjudged}, ${critical}`;
+  const end = isJudged && range && judged.probability_text === undefined ? `${mine} is not in the range searched. ${endOf(run)}` : endOf(run);
+  return { first, second: others.join(" "), end, design, angle, line };
 }
 
 /** Split a text into sentences, which end with a full stop before a capital letter. */
@@ -140,8 +140,7 @@ export class Verdict {
   /** Fix the current height, or release it, so that a picture below does not move under a pointer that drags in it. */
   keepHeight(isKept) {
     for (const part of this.parts) {
-      const kept = { height: `${part.offsetHeight}px`, overflow: "clip" };
-      Object.assign(part.style, isKept ? kept : { height: "", overflow: "" });
+      Object.assign(part.style, isKept ? { height: `${part.offsetHeight}px`, overflow: "clip" } : { height: "", overflow: "" });
     }
   }
 

@@ -114,7 +114,8 @@ class WallAnswer(WallDesign):
     model_config = with_examples(
         {
             "sentence": "Wall of 450 mm at 45° from the normal: not enough against scabbing. Design value against "
-            "scabbing 511 mm (Hughes × 1.1), against perforation 440 mm (Hughes × 1.2).",
+            "scabbing 511 mm (Hughes × 1.1), against perforation 440 mm (Hughes × 1.2), with the mean strength of "
+            "39 MPa, as no characteristic strength is given.",
             **WALL,
             "variants": VARIANTS,
             "outcome": "embedded",
@@ -171,10 +172,12 @@ def wall_in(request: Case, answer: Mapping[str, Any], oblique_angle: float) -> W
         name: DesignValue(**{key.removesuffix("_m"): value for key, value in answer[name].items()})
         for name in QUESTIONS
     }
-    normal = answer["normal_impact"]
+    normal, target = answer["normal_impact"], request.target.to_solver()
     return WallVerdict(
-        thickness=request.target.to_solver().thickness,
+        thickness=target.thickness,
         oblique_angle=oblique_angle,
+        compressive_strength=target.compressive_strength,
+        characteristic_strength=target.characteristic_strength,
         perforation=questions["perforation"],
         scabbing=questions["scabbing"],
         normal_impact=(normal.get("perforation_design_m"), normal.get("scabbing_design_m")),

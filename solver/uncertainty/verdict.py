@@ -204,7 +204,10 @@ class Verdict:
         """Verdict in words."""
         angle = "; ".join([self._angle(), *self._more()]) + "."
         flight = "" if self.flight is None else str(self.flight)
-        return " ".join(filter(None, (self._judged(), flight, angle, self._over_theories(), self._wall())))
+        strike = [self._judged(), flight, angle, self._over_theories()]
+        wall, design = self._wall()
+        parts = [*strike, wall, design] if self._is_perforated_without_formulas else [wall, *strike, design]
+        return " ".join(filter(None, parts))
 
     def __str__(self) -> str:
         return self.sentence
@@ -265,10 +268,18 @@ class Verdict:
             return "The range over the theories could not be computed." if self.theory_range_failed else ""
         return f"Over the theories: 90 % range {_range_text(self.theory_spread)}."
 
-    def _wall(self) -> str:
-        if self.wall is not None:
-            return self.wall.sentence
-        return "The wall is not judged: the strikes on it could not be computed." if self.wall_failed else ""
+    @property
+    def _is_perforated_without_formulas(self) -> bool:
+        # The formulas then leave it open whether the wall is enough, but perforation in the model, which is
+        # unconservative, shows that it is not.
+        return self.outcome is Outcome.PERFORATED and self.wall is not None and self.wall.enough is None
+
+    def _wall(self) -> tuple[str, str]:
+        """Return the sentence on whether the wall is enough, and the sentences with its design values."""
+        if self.wall is None:
+            return "The wall is not judged: the strikes on it could not be computed." if self.wall_failed else "", ""
+        answer, _, design = self.wall.sentence.partition(". ")
+        return f"{answer}.", design
 
     def _fine(self, angle: float) -> str:
         return _degrees(angle, min(self._decimals + 1, 2))

@@ -88,6 +88,8 @@ class WallVerdict:
     """Thickness of the target wall; None if only design values are wanted. [m]"""
     oblique_angle: float
     """Oblique angle from the inward normal. [rad]"""
+    compressive_strength: float
+    """Mean compressive strength, also in the formulas if no characteristic strength is given. [Pa]"""
     perforation: DesignValue
     """Design value against perforation."""
     scabbing: DesignValue
@@ -101,7 +103,7 @@ class WallVerdict:
     protrusion: Protrusion | None = None
     """Protrusion of the body from the rear face in the model; None if nothing protrudes, or if the body perforates."""
     characteristic_strength: float | None = None
-    """Compressive strength in the formulas; None if it is the mean. [Pa]"""
+    """Characteristic compressive strength, in the formulas; None if they use the mean. [Pa]"""
     warnings: tuple[ModelWarning, ...] = ()
     """Warnings about the search for the least thickness with the resistance as given, and about the run on the wall."""
 
@@ -167,6 +169,9 @@ def _required(wall: WallVerdict) -> str:
     text = f"Design value {', '.join(asked)}"
     if wall.characteristic_strength is not None:
         text += f", with the characteristic strength of {quantity(wall.characteristic_strength, 'MPa')}"
+    else:
+        mean = quantity(wall.compressive_strength, "MPa")
+        text += f", with the mean strength of {mean}, as no characteristic strength is given"
     if len(questions) == 1:
         other = "perforation" if questions[0][0] == "scabbing" else "scabbing"
         text += f"; none against {other}: no formula is within the range of its tests"
@@ -312,6 +317,7 @@ def judge_wall(
     wall = WallVerdict(
         thickness=target.thickness,
         oblique_angle=impact.oblique_angle,
+        compressive_strength=target.compressive_strength,
         perforation=answers["perforation"],
         scabbing=answers["scabbing"],
         normal_impact=(at_0["perforation"].design, at_0["scabbing"].design),

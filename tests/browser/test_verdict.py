@@ -9,7 +9,7 @@ from urllib.parse import urlencode
 
 import httpx
 import pytest
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import Locator, Page, Route, expect
 
 from tests.api.calibrations import answered
 from tests.odd_strikes import KINDS, odd_strikes
@@ -60,6 +60,22 @@ def test_verdict_states_each_fact_once(page: Page) -> None:
     expect(strip).not_to_contain_text(angle)
     strong, rest = card.locator("strong").first, card.locator(".rest")
     assert boxes(rest)[0]["top"] >= boxes(strong)[0]["bottom"] - 1
+
+
+def test_bold_line_is_the_verdict_on_the_wall(page: Page) -> None:
+    held: list[Route] = []
+    page.route("**/verdict", lambda route: route.continue_() if held else held.append(route))
+    page.goto(f"/#/explore?{WALL}")
+    bold = page.locator(".outcome > strong")
+    expect(bold).to_have_text(
+        re.compile(r"^At 50° from the normal, with the inputs as given: .*; the wall is not judged yet\.$")
+    )
+    while not held:  # The verdict is requested last.
+        page.wait_for_timeout(50)
+    held[0].continue_()
+    expect(bold).to_have_text(re.compile(r"^Wall of 500\smm at 50° from the normal: not enough against scabbing"))
+    expect(page.locator(".outcome .rest")).to_have_text(re.compile("^At 50° from the normal.*Critical angle"))
+    expect(page.locator(".notes > p").first).to_have_text(re.compile("^Design value against scabbing"))
 
 
 def test_each_strength_factor_names_its_angle(page: Page) -> None:
@@ -135,6 +151,12 @@ def test_labels_of_the_strip_do_not_overlap_or_overflow(new_page: NewPage, width
         for each in labels:
             beside = not each["left"] + 1 < leader["left"] < each["right"] - 1
             assert beside or leader["bottom"] <= each["top"] + 3 or each["bottom"] <= leader["top"] + 3, (leader, each)
+
+
+def test_verdict_line_on_the_map_begins_with_the_wall(page: Page) -> None:
+    page.goto(f"/#/map?{WALL}")
+    line = page.locator(f"{HEAD} .line")
+    expect(line).to_have_text(re.compile(r"^Wall not enough against scabbing( and perforation)?; \w+ at 50° \("))
 
 
 def test_verdict_line_on_the_map_begins_with_the_answer(page: Page) -> None:

@@ -14,7 +14,9 @@ from service.schemas import ReportRequest
 from solver import (
     ConstantStrengthFactor,
     ElasticPlastic,
+    Flat,
     Flight,
+    Impact,
     ModelWarning,
     MohrCoulomb,
     NoFreeSurface,
@@ -23,6 +25,7 @@ from solver import (
     Outcome,
     OwnTests,
     ParameterError,
+    Projectile,
     Protrusion,
     PublishedTests,
     Resistance,
@@ -36,6 +39,7 @@ from solver.strength_scatter import TABLE_1, scatter_of_strength
 from solver.strike import PAPER_PROJECTILE, PAPER_VELOCITY
 from solver.uncertainty import Discrete, Estimate, Verdict, usual_scatter, verdict
 from solver.uncertainty.verdict import NO_RANGE_BY_PANELS, RANGE_FAILED, with_those_of_strike
+from solver.uncertainty.walls import judge_wall
 from solver.uncertainty.weighed_warnings import range_held_earlier
 from tests.odd_strikes import KINDS, odd_strikes
 from tests.physics.strikes import CASE, known
@@ -418,3 +422,40 @@ LANDED = Flight(
 )
 def test_decimals_of_a_verdict_follow_its_range(changes: dict[str, Any], sentence: str) -> None:
     assert str(replace(SEEN, **changes)) == sentence
+
+
+@pytest.mark.parametrize(
+    ("thickness", "answer"),
+    [(0.3, "not enough against scabbing and perforation"), (0.6, "enough at this angle only"), (1.0, "enough")],
+)
+def test_sentence_on_a_wall_comes_before_the_strike(thickness: float, answer: str) -> None:
+    target = replace(CASE["target"], thickness=thickness)
+    impact = Impact(velocity=PAPER_VELOCITY, oblique_angle=math.radians(45.0))
+    wall = judge_wall(projectile=PAPER_PROJECTILE, target=target, impact=impact)
+    first = f"Wall of {1e3 * thickness:g} mm at 45° from the normal: {answer}. "
+    strike = f"At 45° from the normal, with the inputs as given: embedded. {FIRST}. "
+    design = wall.sentence.removeprefix(first)
+    assert design.startswith("Design value against scabbing")
+    judged = replace(SEEN, wall=wall, oblique_angle=math.radians(45.0), outcome=Outcome.EMBEDDED)
+    assert str(judged) == f"{first}{strike}{design}"
+    assert str(replace(SEEN, wall=wall)) == f"{first}{FIRST}. {design}"
+
+
+@pytest.mark.parametrize("thickness", [0.3, 3.0])
+def test_wall_without_formulas_comes_first_unless_the_model_perforates_it(thickness: float) -> None:
+    rod = Projectile(nose=Flat(), diameter=0.02, length=0.4, mass=0.98)
+    target = Target(compressive_strength=39e6, density=2300.0, thickness=thickness)
+    impact = Impact(velocity=1500.0, oblique_angle=0.0)
+    wall = judge_wall(projectile=rod, target=target, impact=impact)
+    judged = str(replace(SEEN, wall=wall, oblique_angle=0.0, outcome=wall.outcome))
+    known_first = "At 0° from the normal, with the inputs as given: perforated."
+    first = known_first if wall.outcome is Outcome.PERFORATED else f"Wall of {1e3 * thickness:g} mm"
+    assert wall.outcome is (Outcome.PERFORATED if thickness < 1.0 else Outcome.EMBEDDED)
+    assert wall.enough is None
+    assert judged.startswith(first)
+    assert "from the normal: not known to be enough." in judged
+
+
+def test_wall_that_could_not_be_computed_comes_first() -> None:
+    failed = str(replace(SEEN, wall_failed=True))
+    assert failed == f"The wall is not judged: the strikes on it could not be computed. {FIRST}."

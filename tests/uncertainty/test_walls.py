@@ -59,7 +59,8 @@ def test_450_mm_are_not_enough_if_scabbing_requires_600() -> None:
     assert known(found.perforation.design) == pytest.approx(0.433, abs=1e-3)
     assert str(found).startswith(
         "Wall of 450 mm at 0° from the normal: not enough against scabbing. Design value against scabbing 601 mm "
-        "(Modified NDRC × 1.1), against perforation 433 mm (Modified NDRC × 1.2)."
+        "(Modified NDRC × 1.1), against perforation 433 mm (Modified NDRC × 1.2), with the mean strength of 60.5 MPa, "
+        "as no characteristic strength is given."
     )
 
 
@@ -150,7 +151,8 @@ def test_design_values_use_the_characteristic_strength_and_the_model_the_mean() 
     assert (found.perforation.limit, found.scabbing.limit) == (weaker.perforation.limit, weaker.scabbing.limit)
     assert known(found.scabbing.design) > known(by_mean.scabbing.design)
     assert found.variants == by_mean.variants
-    assert "with the characteristic strength of 40 MPa" in str(found)
+    assert "with the characteristic strength of 40 MPa." in str(found)
+    assert "with the mean strength of 48 MPa, as no characteristic strength is given." in str(by_mean)
     with pytest.raises(
         ParameterError, match=r"target\.characteristic_strength: must be at most the compressive strength"
     ):

@@ -12,7 +12,7 @@ import { request } from "../service.js";
 import { markFresh, markStale } from "../stale.js";
 import { inUnits, unitOf } from "../units.js";
 import { sentencesOf, showCard, verdictSection } from "../verdict.js";
-import { endingShown, grouped, warningList } from "../words.js";
+import { endingShown, grouped, quantityShown, warningList } from "../words.js";
 
 const THICKNESS = "target.thickness_m";
 const SPEED = "impact.velocity_m_s";
@@ -41,7 +41,7 @@ export async function show(root, query) {
     showCard(parts.card, { first, second: [...others, ends].join(" ") });
     const sentences = [thickness, speed].filter(Boolean).map(({ sentence }) => element("p", {}, sentence));
     parts.warnings.replaceChildren(...warningList(judged.warnings, thickness.warnings));
-    parts.thicknesses.replaceChildren(...sentences, tableOf(thickness, table));
+    parts.thicknesses.replaceChildren(...sentences, tableOf(thickness, table, judged, target.compressive_strength_pa));
     markFresh(...shown);
   }, (error) => form.fail(error), { supersede: true });
   const refresh = (values) => {
@@ -64,7 +64,7 @@ export async function show(root, query) {
   return () => updateResults.stop();
 }
 
-function tableOf({ variants }, { formulas, scabbing_margin: scabbing, perforation_margin: perforation }) {
+function tableOf({ variants }, { formulas, scabbing_margin: scabbing, perforation_margin: perforation }, judged, strength_pa) {
   const isNumber = (column) => column > 0 && column < COLUMNS.length - 1;
   const models = Object.entries(MODELS).map(([variant, name]) => [name, bare(variants[variant], Math.ceil), "", "", ""]);
   const others = formulas.map((each) => [
@@ -72,22 +72,23 @@ function tableOf({ variants }, { formulas, scabbing_margin: scabbing, perforatio
     bare(each.perforation_thickness_m, Math.ceil),
     bare(each.scabbing_thickness_m, Math.ceil),
     bare(each.penetration_depth_m, Math.round),
-    rangeShown(each),
+    rangeShown(each, judged),
   ]);
   const heads = COLUMNS.map((name, column) => (isNumber(column) ? `${name} [${unitOf("mm").unit}]` : name));
-  const classes = formulas.map((each) => (each.in_range ? undefined : "quiet"));
-  const rest = { caption: "By formula and by model, without margins", label: "Table of thicknesses", isNumber, classes };
+  const caption = `By formula and by model, with the mean strength of ${quantityShown(strength_pa, "MPa", 6)}, without margins`;
+  const rest = { caption, label: "Table of thicknesses", isNumber, classes: formulas.map((each) => (each.in_range ? undefined : "quiet")) };
   const note =
-    "Limits are the least thickness that is not perforated and the least whose rear face sheds no concrete (scabbing); " +
-    "penetration is the depth in thick concrete. Formulas have no angle: as is common practice, they take the normal component of the speed. DOE-STD-3014 requires " +
+    "Limits are the least thickness that is not perforated and the least whose rear face sheds no concrete (scabbing); penetration is the depth in " +
+    "thick concrete. Formulas have no angle: as is common practice, they take the normal component of the speed. DOE-STD-3014 requires " +
     `${scabbing} times the scabbing and ${perforation} times the perforation limit in a design. * Constants from secondary sources.`;
   return element("div", {}, table("table.thicknesses", { heads, rows: [...others, ...models], ...rest }), element("p.quiet", {}, note));
 }
 
-function rangeShown({ in_range: isWithin, range_known: isKnown, out_of_range: outside, note }) {
+function rangeShown({ formula, in_range: isWithin, range_known: isKnown, out_of_range: outside, note }, judged) {
   const reasons = outside.map(({ detail }) => detail).join("; ");
   const range = isWithin ? "within" : isKnown ? `outside: ${reasons}` : `not known${reasons && `; ${reasons}`}`;
-  return note ? `${range}; ${note}` : range;
+  const governed = ["scabbing", "perforation"].filter((name) => judged[name].formula === formula).join(" and ");
+  return [range, note, governed && `gives the design value against ${governed}`].filter(Boolean).join("; ");
 }
 
 /** Format a length without its unit, in whole millimetres or tenths of an inch; limits are rounded up, as in the sentences. */
