@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from importlib.resources import files
 from math import degrees
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 import jinja2
 from markupsafe import Markup, escape
@@ -124,6 +124,8 @@ def page(strike: Assessed) -> str:
         style=Markup(page_style()),  # noqa: S704 (a file of the package)
         title=_title(strike),
         headline=_headline(strike.verdict),
+        mean_strength=_target_strength(strike, "compressive"),
+        characteristic_strength=_target_strength(strike, "characteristic"),
         dispersion=strike.dispersion,
         n=numbers,
         at=partial(lookup, strike.answers),
@@ -146,6 +148,7 @@ def page(strike: Assessed) -> str:
         formula_rows=_formula_rows(formulas),
         thickness=_answered(strike, "thickness"),
         wall=_answered(strike, "wall"),
+        governed=_governed(_answered(strike, "wall")),
         limits=_limits(numbers, strike),
         warnings=[each for each, standing in warnings if not standing],
         standing=[each for each, standing in warnings if standing],
@@ -159,8 +162,9 @@ def page(strike: Assessed) -> str:
 
 
 def _headline(verdict: Verdict) -> Markup:
-    """Return the verdict as HTML, with its range in bold and its first sentences on strike and wall in large type."""
-    leads = [verdict.sentence, verdict.wall.sentence if verdict.wall else ""]
+    """Return the verdict as HTML, with its range in bold and its first sentences on wall and strike in large type."""
+    wall = verdict.wall.sentence if verdict.wall else ""
+    leads = [verdict.sentence, wall, verdict.sentence.removeprefix(f"{_first_sentence(wall)} ")]
     text = escape(verdict.sentence)
     for lead in dict.fromkeys(escape(_first_sentence(each)) for each in leads if each):
         text = text.replace(lead, Markup('<span class="lead">{}</span>').format(lead), 1)
@@ -193,15 +197,30 @@ def _problem(strike: Assessed, name: str) -> str | None:
 def _title(strike: Assessed) -> str:
     """Return the title of the report; browsers suggest it as the name of a saved file."""
     case = strike.case
-    parts = [
-        quantity(case["impact"]["velocity_m_s"], "m/s"),
-        quantity(case["target"]["compressive_strength_pa"], "MPa"),
-    ]
+    parts = [quantity(case["impact"]["velocity_m_s"], "m/s"), _target_strength(strike, "compressive")]
+    if characteristic := _target_strength(strike, "characteristic"):
+        parts[-1] += f" (characteristic {characteristic})"
     if (angle := lookup(case, "/impact/oblique_angle_deg")) is not None:
         parts.append(f"{angle:.4g}°")
     if (thickness := lookup(case, "/target/thickness_m")) is not None:
         parts.append(quantity(thickness, "mm"))
     return f"Ricochet assessment, {', '.join(parts)}"
+
+
+def _target_strength(strike: Assessed, kind: Literal["compressive", "characteristic"]) -> str:
+    """Return the mean compressive strength of the target, or its characteristic one; empty if not given."""
+    strength = lookup(strike.case, f"/target/{kind}_strength_pa")
+    return "" if strength is None else quantity(strength, "MPa")
+
+
+def _governed(wall: Mapping[str, Any] | None) -> dict[str, str]:
+    """Return the design values that a formula gives in words, by its name."""
+    if wall is None:
+        return {}
+    scabbing, perforation = (wall[name].get("formula", "") for name in ("scabbing", "perforation"))
+    if scabbing == perforation:
+        return {scabbing: "both design values"}
+    return {scabbing: "the design value against scabbing", perforation: "the design value against perforation"}
 
 
 def _groups(numbers: Numbers, strike: Assessed) -> Mapping[str, list[Row]]:

@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Page, ViewportSize, expect
 
+from service.schemas.strike import PAPER
 from tests.api.many import ASYNC, LINES, finished, lines, searches
 
 from .conftest import NewPage
@@ -22,6 +23,10 @@ OVERHANG = """() => [...document.querySelectorAll(".drawing svg, table, .panel")
   .filter((each) => each.getBoundingClientRect().width > 0)
   .map((each) => [each.className.baseVal ?? each.className, each.getBoundingClientRect().right])
   .filter(([, right]) => right > innerWidth + 1)"""
+WIDER = """() => [...document.querySelectorAll("table")]
+  .map((each) => [each, each.parentElement].map((part) => part.getBoundingClientRect().right).concat(each.innerText))
+  .filter(([right, end]) => right > end + 0.5)"""
+"""Tables of a report that are wider than their columns, with the right ends of both. [CSS pixels]"""
 DPI = 60
 MARGIN_PX = int(11 / 25.4 * DPI)
 STUDY = "how-sure?scatter=impact.velocity_m_s,normal,coefficient_of_variation:0.02&sampling.max_samples=512"
@@ -101,6 +106,21 @@ def test_no_sheet_has_only_the_footer_or_part_of_a_picture(
     expect(page.locator("[aria-busy=true]:visible")).to_have_count(0)
     assert len(re.findall(rb"/MediaBox", page.pdf(prefer_css_page_size=True))) <= most
     faults.clear()  # The service refuses an angle of 90°.
+
+
+@pytest.mark.parametrize("units", ["si", "us"])
+def test_no_table_of_a_report_on_a_wall_is_wider_than_its_column(
+    new_page: NewPage, client: httpx.Client, units: str
+) -> None:
+    target = PAPER["target"] | {"thickness_m": 0.5, "characteristic_strength_pa": 30e6}
+    body = PAPER | {"target": target, "impact": {"velocity_m_s": 300.0, "oblique_angle_deg": 30.0}, "units": units}
+    report = client.post("/report", json=body).text
+    for medium, width in (("print", 695), ("screen", 1440), ("screen", 1024), ("screen", 820)):
+        page = new_page(width=width)
+        page.emulate_media(media="print" if medium == "print" else "screen")
+        page.set_content(report)
+        expect(page.locator("table.design")).to_contain_text("not enough")
+        assert page.evaluate(WIDER) == [], (medium, width)
 
 
 def test_report_opens_in_a_new_tab_with_its_style(page: Page) -> None:

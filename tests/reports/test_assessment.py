@@ -21,6 +21,7 @@ from service.assessment import first_queries, require_extra, strike_queries
 from service.cli.arguments import RefusedError
 from service.cli.reports import make_report
 from service.errors import ReportsMissingError
+from service.names import FORMULAS
 from service.reports.assessment_figures import curves
 from service.reports.assessment_numbers import FIELDS, leaves, lookup
 from service.schemas import ReportRequest
@@ -43,6 +44,11 @@ WALL: dict[str, Any] = PAPER | {
     "search": COARSE | {"lower_deg": 25.0},
 }
 """A strike whose report has every part."""
+OF_A_CLASS = WALL | {
+    "target": WALL["target"] | {"compressive_strength_pa": 38e6, "characteristic_strength_pa": 30e6},
+    "resistance": {},
+}
+"""The wall in concrete of class C30/37."""
 IN_US = {"units": "us"}
 ALL = [JUDGED, WALL, NEVER]
 NAMES = ["half-space", "wall", "no critical angle"]
@@ -210,15 +216,16 @@ def test_report_judges_perforation_and_scabbing_of_a_wall(
     page, sentence = text_of(report_of(WALL)), client.post("/wall", json=wall_of(WALL)).json()["sentence"]
     assert sentence.startswith("Wall of 300 mm at 30° from the normal: not enough against scabbing and perforation.")
     assert sentence == answers_of(WALL)["wall"]["sentence"]
-    assert sentence in page
+    answer, _, design = sentence.partition(". ")
+    assert page.index(f"{answer}.") < page.index("At 30° from the normal the projectile") < page.index(design)
     assert "Design value" not in text_of(report_of(JUDGED))
 
 
 def test_first_sheet_has_a_large_verdict_and_the_design_values(report_of: Ask, answers_of: Ask) -> None:
     page, wall = report_of(WALL), answers_of(WALL)["wall"]
     leads = [text_of(each).strip() for each in re.findall(r'<span class="lead">.*?</span>', page, flags=re.DOTALL)]
-    assert leads[1] == "Wall of 300 mm at 30° from the normal: not enough against scabbing and perforation."
-    assert leads[0].startswith("At 30° from the normal")
+    assert leads[0] == "Wall of 300 mm at 30° from the normal: not enough against scabbing and perforation."
+    assert leads[1].startswith("At 30° from the normal")
     sizes = {name: float(size) for name, size in re.findall(r"([.\w ]+) \{[^}]*?font-size: ([\d.]+)rem", page)}
     assert sizes[".answer .lead"] > max(size for name, size in sizes.items() if name != ".answer .lead")
     table = page.partition('<table class="design">')[2].partition("</table>")[0]
@@ -229,6 +236,48 @@ def test_first_sheet_has_a_large_verdict_and_the_design_values(report_of: Ask, a
         assert f"/wall/normal_impact/{name}_design_m" in shown
     assert text_of(table).count("not enough") == 2
     assert '<table class="design">' not in report_of(JUDGED)
+
+
+@pytest.mark.parametrize(
+    ("body", "title", "design", "table"),
+    [
+        (
+            WALL,
+            "300 m/s, 39 MPa, 30°, 300 mm",
+            "for the mean strength of 39 MPa",
+            "for the mean strength of 39 MPa",
+        ),
+        (
+            OF_A_CLASS,
+            "300 m/s, 38 MPa (characteristic 30 MPa), 30°, 300 mm",
+            "for the characteristic strength of 30 MPa",
+            "for the mean strength of 38 MPa",
+        ),
+        (JUDGED, "238 m/s, 39 MPa, 52.3°", None, "for the mean strength of 39 MPa"),
+    ],
+    ids=["no characteristic strength", "characteristic strength", "half-space"],
+)
+def test_report_names_the_strength_behind_each_thickness(
+    report_of: Ask, answers_of: Ask, body: dict[str, Any], title: str, design: str | None, table: str
+) -> None:
+    page = report_of(body)
+    captions = [text_of(each).strip() for each in re.findall(r"<caption>.*?</caption>", page)]
+    assert f"<h1>Ricochet assessment, {title}</h1>" in page
+    assert re.search(rf'<h2 id="formulas">Design formulas .*, {table}</h2>', page)
+    assert ("The design values of the wall are for the characteristic" in page) is (body == OF_A_CLASS)
+    assert [each for each in captions if "Design values" in each] == (
+        [f"Design values of the wall [mm], {design}"] if design else []
+    )
+    if design:
+        wall, rest = answers_of(body)["wall"], design.removeprefix("for ")
+        assert rest in wall["sentence"]
+        governing = {FORMULAS[wall[name]["formula"]] for name in ("scabbing", "perforation")}
+        rows = [text_of(each) for each in re.findall(r"<tr.*?</tr>", page, flags=re.DOTALL)]
+        marked = [each.strip() for each in rows if re.search("gives (the|both) design value", each)]
+        assert len(marked) == len(governing)
+        assert all(any(each.startswith(name) for name in governing) for each in marked)
+    else:
+        assert "<strong>gives" not in page
 
 
 def wall_of(body: dict[str, Any]) -> dict[str, Any]:
@@ -380,7 +429,7 @@ def test_unknown_system_of_units_is_refused_with_the_choices(
     assert "/units: must be 'si' or 'us', got 'imperial'" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("body", [*ALL, WALL | IN_US], ids=[*NAMES, "wall us"])
+@pytest.mark.parametrize("body", [*ALL, WALL | IN_US, OF_A_CLASS], ids=[*NAMES, "wall us", "class"])
 @pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason="no browser here")
 def test_printed_report_takes_at_most_two_sheets_of_a4(live_url: str, tmp_path: Path, body: dict[str, Any]) -> None:
     (tmp_path / "strike.json").write_text(json.dumps(body))
