@@ -2,6 +2,7 @@
 
 import { valueAt, withValue } from "./case.js";
 import { isVariant, nodeAt, paperCase, requiredOf, tagOf } from "./contract.js";
+import { withSphere } from "./fields.js";
 import { areUs } from "./units.js";
 
 const PARTS = ["projectile", "target", "impact", "resistance", "numerics", "search", "strength_scatter"];
@@ -25,7 +26,7 @@ export function readCase(query) {
     const value = readParameter(path, text, values);
     if (value !== undefined) values = withValue(values, path, value);
   }
-  return values;
+  return withSphere(values, values);
 }
 
 /** Parse one parameter of a case; undefined if the case has no such field, or the text is not valid for it. */
@@ -72,9 +73,7 @@ export function replaceAddress(view, query) {
 }
 
 /** Return the parameters of a query that describe the case; links between views keep them. */
-export function caseOf(query) {
-  return new URLSearchParams([...query].filter(([path]) => PARTS.includes(path.split(".")[0])));
-}
+export const caseOf = (query) => new URLSearchParams([...query].filter(([path]) => PARTS.includes(path.split(".")[0])));
 
 /** Split an address (`location.hash`) into its view and its query. */
 export function readAddress(hash) {
@@ -90,9 +89,7 @@ function* leaves(part, before = "") {
   }
 }
 
-function format(value) {
-  return typeof value === "string" ? value : JSON.stringify(value);
-}
+const format = (value) => typeof value === "string" ? value : JSON.stringify(value);
 
 function parse(text, { type, enum: names, const: only }) {
   if (type === "string") return (names ?? [only ?? text]).includes(text) ? text : undefined;

@@ -29,9 +29,7 @@ const RESULTS = [
 ];
 
 /** Return the pinned strikes of a query. */
-export function readPins(query) {
-  return query.getAll("pin").slice(0, MOST_PINS).map((text) => readCase(new URLSearchParams(text)));
-}
+export const readPins = (query) => query.getAll("pin").slice(0, MOST_PINS).map((text) => readCase(new URLSearchParams(text)));
 
 /** Add pinned strikes to a query. */
 export function writePins(query, pins) {
@@ -136,11 +134,11 @@ function fieldRows(strikes) {
 
 function resultRow(quantity, values, decimals) {
   const [own, ...others] = values.map((value) => (typeof value === "number" ? value / quantity.factor : value));
-  const text = (value) => (typeof value === "number" ? value.toFixed(decimals) : value);
+  const text = (value) => (typeof value === "number" ? (Number(value.toFixed(decimals)) || 0).toFixed(decimals) : value); // no -0.0
   const withDifference = (value) => {
     if (typeof value !== "number" || typeof own !== "number") return text(value);
-    const difference = value - own;
-    return `${text(value)} (${difference < 0 ? "−" : "+"}${text(Math.abs(difference))})`;
+    const difference = text(value - own);
+    return `${text(value)} (${difference < 0 ? "−" : "+"}${difference.replace("-", "")})`;
   };
   return [labelWithUnit(quantity), text(own), ...others.map(withDifference)];
 }

@@ -1,7 +1,7 @@
 // Copies the current case as a curl command or a Python program.
 
 import { angleRequest, trajectoryRequest } from "./case.js";
-import { announce, element } from "./elements.js";
+import { announce, caseActions, element } from "./elements.js";
 import { locate } from "./service.js";
 
 /** Return the curl command that posts a request to a path. */
@@ -28,7 +28,8 @@ print(answer["status"], answer.get("critical_angle_deg"))
 /**
  * Return buttons that copy the case returned by `read`, and show the copied text.
  *
- * @returns {{root: HTMLElement, clear: () => void}} `clear` hides the copied text, for when the case changes
+ * @returns {{root: HTMLElement, actions: HTMLFieldSetElement, clear: () => void}} `actions` hold the buttons; `clear` hides the copied text,
+ *   for when the case changes
  */
 export function copyButtons(read) {
   const shown = element("pre", { hidden: true, tabindex: 0, "aria-label": "Copied text" });
@@ -39,7 +40,9 @@ export function copyButtons(read) {
     button("search as curl", (values) => curl(angleRequest(values), "/cra")),
     button("as Python", python),
   ];
-  return { root: element("div", {}, element("div.actions", {}, ...buttons), shown), clear: () => shown.toggleAttribute("hidden", true) };
+  const actions = caseActions("Copy", element("div", {}, element("div.actions", {}, ...buttons), shown));
+  const root = element("section.panel.copy", {}, element("h2", {}, "Copy this case"), actions);
+  return { root, actions, clear: () => shown.toggleAttribute("hidden", true) };
 }
 
 /** Return a button that copies the address of what is shown. */
@@ -61,8 +64,6 @@ async function copy(text, what, shown) {
 }
 
 /** Return a value as a Python literal, which is JSON except for the names of three constants. */
-function literal(value) {
-  return JSON.stringify(value, null, 4).replace(/: (true|false|null)\b/g, (_, word) => `: ${WORDS[word]}`);
-}
+const literal = (value) => JSON.stringify(value, null, 4).replace(/: (true|false|null)\b/g, (_, word) => `: ${WORDS[word]}`);
 
 const WORDS = { true: "True", false: "False", null: "None" };

@@ -62,10 +62,11 @@ export function table(name, { heads, rows, caption, label, isNamed = false, isNu
   return element("div.wide", label ? { tabindex: 0, role: "group", "aria-label": label } : {}, made);
 }
 
+/** Return the form of a case beside its results. */
+export const formBeside = (form, ...results) => element("div.sides", {}, element("div.panel", {}, ...form), element("div.pictures", {}, ...results));
+
 /** Return a group of buttons that act on the case; a form disables them while one of its fields is not accepted. */
-export function caseActions(name, ...children) {
-  return element("fieldset.of-case", { "aria-label": name }, ...children);
-}
+export const caseActions = (name, ...children) => element("fieldset.of-case", { "aria-label": name }, ...children);
 
 /** Return a button that is disabled while its action runs; `onError` receives the error if the action fails. */
 export function taskButton(text, attributes, act, onError) {

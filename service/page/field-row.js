@@ -4,9 +4,9 @@ import { valueAt } from "./case.js";
 import { nodeAt } from "./contract.js";
 import { acceptDroppedFile, element, showText } from "./elements.js";
 import { readValue } from "./field-value.js";
-import { openShown, shownNumber, shownValue } from "./fields.js";
+import { linesOf, openShown, shotShown, shownNumber, shownValue } from "./fields.js";
 import { unitOf } from "./units.js";
-import { lengthShown, quantityShown } from "./words.js";
+import { quantityShown } from "./words.js";
 
 const REST_MS = 1500; // pause in typing after which a value that is not accepted is refused
 
@@ -51,7 +51,7 @@ export function buildRow(field, values, { accept, hold, refuse, currentOf = () =
   const notes = [
     field.unit && element("span.unit", { id: `${id}-unit` }, field.unit),
     field.slider && buildSlider(field, values, input, read),
-    field.fill && element("button.fill", { type: "button", onclick: () => fillIn(input, shownNumber(field, Number(field.fill.of(currentOf()).toPrecision(3)))) }, field.fill.name),
+    field.fill && element("button.fill", { type: "button", onclick: () => fillIn(input, shownNumber(field, field.fill.of(currentOf()))) }, field.fill.name),
     field.note && element("span.note", { id: `${id}-note` }, field.note),
     helpOf(field, values) && element("span.note.help", { id: `${id}-help` }, helpOf(field, values)),
   ].filter(Boolean);
@@ -64,8 +64,8 @@ export function buildRow(field, values, { accept, hold, refuse, currentOf = () =
   return row;
 }
 
-/** Fill in a field as if the value were typed. */
-function fillIn(input, value) {
+/** Fill in a field as if the value were typed; its slider follows. */
+export function fillIn(input, value) {
   input.value = value;
   input.dispatchEvent(new Event("input"));
   input.dispatchEvent(new Event("change"));
@@ -81,6 +81,7 @@ export function showProblem({ root, input, problem, described }, text) {
   if (text) input.setAttribute("aria-invalid", "true");
   else input.removeAttribute("aria-invalid");
   if (text) open(root);
+  if (text && input.matches("textarea")) problem.scrollIntoView({ block: "nearest" }); // it is below a high box
 }
 
 /** Return the description of a field from the contract, without the unit in brackets. */
@@ -124,10 +125,7 @@ const INPUTS = {
   },
   shots: buildShots,
   numbers(field, values, read) {
-    const lines = (valueAt(values, field.path) ?? []).map((item) =>
-      [item].flat().map((number) => shownNumber(field, number)).join(", "),
-    );
-    return buildArea(lines.join(field.pairs ? "\n" : ", "), read, { rows: field.pairs ? 4 : 2, placeholder: field.optional && "auto" });
+    return buildArea(linesOf(field, values).join(field.pairs ? "\n" : ", "), read, { rows: field.pairs ? 4 : 2, placeholder: field.optional && "auto" });
   },
 };
 
@@ -139,7 +137,7 @@ function buildArea(text, read, attributes) {
 function buildShots(field, values, read) {
   const shown = (value, si) => shownNumber(unitOf(si), value);
   const lines = (valueAt(values, field.path) ?? []).map((shot) => `${shown(shot.velocity_m_s, "m/s")}, ${shown(shot.depth_m, "mm")}`);
-  const example = [[250, 0.31], [300, 0.42]].map(([speed, depth]) => `${quantityShown(speed, "m/s")}, ${lengthShown(depth)}`);
+  const example = [{ velocity_m_s: 250, depth_m: 0.31 }, { velocity_m_s: 300, depth_m: 0.42 }].map(shotShown);
   const area = buildArea(lines.join("\n"), read, { rows: 4, placeholder: `none yet, as in\n${example.join("\n")}` });
   acceptDroppedFile(area);
   return area;

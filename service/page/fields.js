@@ -4,7 +4,7 @@ import { valueAt, withValue } from "./case.js";
 import { names, nodeAt } from "./contract.js";
 import { solidVolume } from "./outline.js";
 import { areUs, unitOf } from "./units.js";
-import { capital, grouped } from "./words.js";
+import { capital, grouped, lengthShown, quantityShown } from "./words.js";
 
 /** Return a field of a kind: `number`, `choice` (a variant or a name), `flag`, `numbers` (a list, or a list of pairs) or `shots`. */
 export const fieldOf = (kind, path, si = "", extra = {}) => ({
@@ -27,18 +27,30 @@ export const fieldOf = (kind, path, si = "", extra = {}) => ({
 const number = (path, si, extra) => fieldOf("number", path, si, extra);
 const OPTIONAL = { optional: true };
 const STEEL_KG_M3 = 7850;
+const LENGTH = "projectile.length_m";
+export const MASS = "projectile.mass_kg";
 /** Names of the concrete classes by characteristic cylinder strength [Pa], from EN 1992-1-1, table 3.1. */
 const CONCRETE_PA = Object.fromEntries(
-  ["20/25", "25/30", "30/37", "35/45", "40/50", "45/55", "50/60", "55/67", "60/75", "70/85", "80/95", "90/105"].map((name) => [
-    `${Number(name.split("/")[0]) * 1e6}`,
-    `C${name}`,
-  ]),
+  ["20/25", "25/30", "30/37", "35/45", "40/50", "45/55", "50/60", "55/67", "60/75", "70/85", "80/95", "90/105"].map((name) => [parseInt(name) * 1e6, `C${name}`]),
 );
 const MEAN_ABOVE_PA = 8e6; // mean minus characteristic strength, from the same table
 
 /** Return a case with the mean strength of a concrete class, which the model uses; design values use the characteristic strength. */
 function meanOfClass(values, characteristic) {
   return characteristic === undefined ? values : withValue(values, "target.compressive_strength_pa", characteristic + MEAN_ABOVE_PA);
+}
+
+const isSphere = ({ projectile }) => projectile?.nose.shape === "sphere";
+
+/** Return the mass of a solid body of steel with three digits [kg]. */
+const steelMass = ({ projectile }) => Number((STEEL_KG_M3 * solidVolume(projectile)).toPrecision(3));
+
+/** Return a case in which a sphere is as long as wide and, if it had the mass of steel `before` a change, has it again. */
+export function withSphere(values, before) {
+  if (!isSphere(values)) return values;
+  const sphere = withValue(values, LENGTH, values.projectile.diameter_m);
+  const isSteel = Math.abs(values.projectile.mass_kg / steelMass(before) - 1) < 1e-5; // a mass in pounds has six digits
+  return isSteel ? withValue(sphere, MASS, steelMass(sphere)) : sphere;
 }
 
 /**
@@ -58,8 +70,8 @@ export const GROUPS = [
       number("projectile.nose.length_to_diameter"),
       fieldOf("numbers", "projectile.nose.points", "mm", { pairs: true, note: "one pair on each line" }),
       number("projectile.diameter_m", "mm"),
-      number("projectile.length_m", "mm"),
-      number("projectile.mass_kg", "kg", { fill: { name: "Steel", of: ({ projectile }) => STEEL_KG_M3 * solidVolume(projectile) } }),
+      number(LENGTH, "mm"),
+      number(MASS, "kg", { fill: { name: "Steel", of: steelMass } }),
       number("projectile.center_of_gravity_m", "mm", OPTIONAL),
       number("projectile.moment_of_inertia_kg_m2", "kg m²", OPTIONAL),
       number("projectile.inner_diameter_m", "mm", { ...OPTIONAL, open: "solid" }),
@@ -137,14 +149,10 @@ export const SAMPLING = {
 };
 
 /** Return the field at a path; undefined if the form has none. */
-export function fieldAt(path) {
-  return GROUPS.flatMap(({ fields }) => fields).find((each) => each.path === path);
-}
+export const fieldAt = (path) => GROUPS.flatMap(({ fields }) => fields).find((each) => each.path === path);
 
-/** Return whether a case has a field, which depends on its nose and its models. */
-export function isThere({ path }, values) {
-  return nodeAt(path, values) !== undefined;
-}
+/** Return whether a case has a field, which depends on its nose and its models; the length of a sphere follows from its diameter. */
+export const isThere = ({ path }, values) => nodeAt(path, values) !== undefined && !(path === LENGTH && isSphere(values));
 
 /**
  * Return the bounds of a field in the unit shown.
@@ -163,9 +171,7 @@ export function boundsOf(field, values) {
 }
 
 /** Return the fields of a case that are single numbers, which a sweep can vary. */
-export function numericFields(values) {
-  return GROUPS.flatMap(({ fields }) => fields).filter((each) => each.kind === "number" && isThere(each, values));
-}
+export const numericFields = (values) => GROUPS.flatMap(({ fields }) => fields).filter((each) => each.kind === "number" && isThere(each, values));
 
 /** Return the value of a field in the unit shown; undefined if the case leaves it open. */
 export function shownValue(field, values) {
@@ -182,20 +188,24 @@ export function fieldShown(field, values) {
   const value = shownValue(field, values);
   if (value === undefined || value === "") return openShown(field) ?? "auto";
   if (field.choices) return field.choices[value];
-  return typeof value === "number" ? grouped(value) : Array.isArray(value) ? JSON.stringify(value) : String(value);
+  if (field.kind === "shots") return `${value.length} own shot${value.length === 1 ? "" : "s"}: ${value.map(shotShown).join("; ")}`;
+  if (field.kind === "numbers") return linesOf(field, values).join(field.pairs ? "; " : ", ");
+  return typeof value === "number" ? grouped(value) : String(value);
 }
+
+/** Return the texts of the numbers or the pairs of numbers in a field, in the unit shown. */
+export function linesOf(field, values) {
+  return (valueAt(values, field.path) ?? []).map((item) => [item].flat().map((number) => shownNumber(field, number)).join(", "));
+}
+
+/** Format the speed and the depth of a shot. */
+export const shotShown = ({ velocity_m_s: speed, depth_m: depth }) => `${quantityShown(speed, "m/s", 6)}, ${lengthShown(depth, 6)}`;
 
 /** Convert a number in SI to the unit of a field, without rounding errors of floating point and conversion. */
-export function shownNumber({ factor }, value) {
-  return Number((value / factor).toPrecision(areUs() ? 6 : 12));
-}
+export const shownNumber = ({ factor }, value) => Number((value / factor).toPrecision(areUs() ? 6 : 12));
 
 /** Format a number, or a text in place of a number, with its unit. */
-export function withUnit(value, unit) {
-  return `${typeof value === "number" ? grouped(value) : value}${unit && unit !== "°" ? ` ${unit}` : unit}`;
-}
+export const withUnit = (value, unit) => `${typeof value === "number" ? grouped(value) : value}${unit && unit !== "°" ? ` ${unit}` : unit}`;
 
 /** Return a field's label with its unit, for an axis or a column. */
-export function labelWithUnit({ label, unit }) {
-  return unit ? `${label} [${unit}]` : label;
-}
+export const labelWithUnit = ({ label, unit }) => unit ? `${label} [${unit}]` : label;

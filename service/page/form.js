@@ -3,8 +3,8 @@
 import { valueAt, withValue } from "./case.js";
 import { exampleOf, paperCase } from "./contract.js";
 import { announce, element, showText } from "./elements.js";
-import { buildRow, showProblem } from "./field-row.js";
-import { GROUPS, isThere } from "./fields.js";
+import { buildRow, fillIn, showProblem } from "./field-row.js";
+import { GROUPS, MASS, isThere, shownValue, withSphere } from "./fields.js";
 import { clearParts, markStale } from "./stale.js";
 import { keep, kept } from "./storage.js";
 
@@ -60,8 +60,20 @@ export class CaseForm {
   /** Fill in a field as if a value in SI were typed. */
   setField(path, value) {
     const { input, field } = this.rows.find((row) => row.field.path === path);
-    input.value = Number((value / field.factor).toPrecision(12));
-    input.dispatchEvent(new Event("input")); // the slider of the field listens too
+    fillIn(input, Number((value / field.factor).toPrecision(12)));
+  }
+
+  /** Open the place of the user's own shots, without which the law that uses them computes nothing. */
+  enterShots() {
+    const { input } = this.rows.find(({ field }) => field.path === "resistance.strength_factor.model");
+    if (input.value !== "own_tests") {
+      input.value = "own_tests";
+      input.dispatchEvent(new Event("change"));
+      this.clear("");
+    }
+    const shots = this.rows.find(({ field }) => field.kind === "shots");
+    shots.root.closest("details").open = true;
+    shots.input.focus();
   }
 
   /** Return whether the case has a value that differs from the paper's. */
@@ -90,10 +102,10 @@ export class CaseForm {
 
   accept({ field }, value) {
     this.wrong.delete(field.path);
-    for (const row of this.rows) if (!this.wrong.has(row.field.path)) showProblem(row, "");
     this.remember(field.path);
     if (field.variant) this.takeVariant(field, value);
-    else this.values = withValue(this.values, field.path, value);
+    else this.take(withValue(this.values, field.path, value));
+    for (const row of this.rows) if (!this.wrong.has(row.field.path)) showProblem(row, "");
     if (field.takes) {
       this.values = field.takes(this.values, value);
       this.rebuild();
@@ -102,6 +114,15 @@ export class CaseForm {
     if (this.wrong.size) return;
     this.problem.textContent = "";
     this.change(field.path);
+  }
+
+  /** Take a changed case, and show the mass that followed the diameter of a sphere. */
+  take(values) {
+    this.values = withSphere(values, this.values);
+    if (valueAt(values, MASS) === valueAt(this.values, MASS)) return;
+    const row = this.rows.find(({ field }) => field.path === MASS);
+    row.input.value = shownValue(row.field, this.values);
+    this.wrong.delete(MASS);
   }
 
   change(path) {
@@ -158,7 +179,7 @@ export class CaseForm {
   takeVariant({ path }, name) {
     const holder = path.slice(0, path.lastIndexOf("."));
     const { shots, ...example } = exampleOf(holder, name);
-    this.values = withValue(this.values, holder, example);
+    this.values = withSphere(withValue(this.values, holder, example), this.values);
     this.rebuild();
     if (this.wrong.size) this.hold();
     this.rows.find(({ field }) => field.path === path).input.focus();

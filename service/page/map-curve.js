@@ -9,6 +9,7 @@ import { AT_ONCE, evenly, isOfAngle, numbers } from "./sweep.js";
 
 const STUDIES = 9; // largest number of studies for a band; few are enough, because it changes slowly along the curve
 const RICOCHET = "ricochet";
+const CLICK_MS = 500; // more than the 300 ms after which Plotly reports a click, because it waits for a second one
 const BAND = "#ffffff66"; // translucent, so that the colours of the outcomes remain visible
 
 /**
@@ -37,13 +38,16 @@ export async function withBand(map, { side, angles }, signal) {
     const ends = results.map(({ result }) => result && quantileOf(result, level));
     return angles.map((angle, place) => (angle === undefined ? undefined : between(places, ends, place)));
   });
-  return { side, angles, band: { lower, upper } };
+  return { side, angles, band: { lower, upper, arrival: performance.now() } };
 }
 
 async function sweep(path, map, side, values, study, signal) {
   const body = { base: { ...angleRequest(map.values), ...study }, axes: [{ field: map[side].field, values }] };
   return (await untilAnswered(() => request(path, { body, signal }), signal)).data.results;
 }
+
+/** Return whether a trace is a band that has not arrived, or so late that a click on its entry in the legend may have been meant for the greyed entry. */
+export const isInert = ({ meta }) => performance.now() < meta + CLICK_MS;
 
 /**
  * Return the traces of a critical curve: its line, and areas that are drawn below other lines.
@@ -76,7 +80,7 @@ export function drawCurve({ side, angles, band }, [x, y], cells, { ink, ricochet
   const top = angles.map(() => 180); // beyond the picture
   // The band is in the legend from the beginning, so that the picture keeps its size when the band arrives.
   const line = { color: ink, width: 1, dash: "dot", smoothing: 0 };
-  const ofBand = { name: "90 % range of the usual scatter", fillcolor: BAND, line, showlegend: true, visible: band ? true : "legendonly" };
+  const ofBand = { name: "90 % range of the usual scatter", fillcolor: BAND, line, showlegend: true, visible: band ? true : "legendonly", meta: band?.arrival ?? Infinity };
   const areas = [
     area(refined, top, { fillcolor: ricochet, line: { width: 0 }, showlegend: false }),
     area(band?.lower ?? angles, band?.upper ?? top, ofBand),

@@ -6,6 +6,7 @@ import { fieldAt, labelWithUnit, shownValue } from "./fields.js";
 import { progressWords } from "./job-progress.js";
 import { buildCellChoice } from "./map-cell.js";
 import { cellsCsv, countWords, QUANTITIES } from "./map-cells.js";
+import { isInert } from "./map-curve.js";
 import { mapLayout, mapTraces } from "./map-plot.js";
 import { endWords } from "./map-run.js";
 import { draw, purge } from "./plots.js";
@@ -134,6 +135,8 @@ export class MapPicture {
     };
     if (!isNew || !drawn) return;
     drawn.on("plotly_click", ({ points }) => this.pick(points[0]));
+    drawn.on("plotly_legendclick", ({ data, curveNumber }) => !isInert(data[curveNumber]));
+    drawn.on("plotly_legenddoubleclick", ({ data }) => !data.some(isInert)); // it would show or hide all entries
     drawn.on("plotly_afterplot", () => this.#placeHandle());
     this.plot.append(this.handle);
     this.#placeHandle();

@@ -3,6 +3,7 @@
 import { readParameter } from "./address.js";
 import { angleRequest, trajectoryRequest, withValue } from "./case.js";
 import { nodeAt } from "./contract.js";
+import { numericFields } from "./fields.js";
 
 const PARTS = ["", "impact.", "projectile.", "projectile.nose.", "target."]; // tried in this order for a header that is only the last name of a field
 const ID = "custom_id";
@@ -29,8 +30,11 @@ export function casesOf(text, base, operation) {
 
 function pathOf(name, base) {
   const part = PARTS.find((each) => nodeAt(each + name, base));
-  if (name !== ID && part === undefined) throw new Error(`Column "${name}" is not a field of a case.`);
-  return name === ID ? ID : part + name;
+  if (name === ID || part !== undefined) return name === ID ? ID : part + name;
+  const words = name.toLowerCase().match(/[a-z]{3,}/g) ?? [];
+  const alike = numericFields(base).filter(({ label, path }) => words.some((word) => `${label} ${path}`.toLowerCase().includes(word)));
+  const hint = alike.length ? ` Did you mean ${alike.slice(0, 3).map(({ path }) => path).join(" or ")}?` : "";
+  throw new Error(`Column "${name}" is not a field of a case.${hint}`);
 }
 
 function withCell(values, path, cell, i) {

@@ -1,6 +1,7 @@
 // A button that opens the report of a strike in a new tab.
 
-import { announce, element, save, taskButton } from "./elements.js";
+import { linkButton } from "./copy-as.js";
+import { announce, caseActions, element, save, taskButton } from "./elements.js";
 import { fileName } from "./exports.js";
 import { request } from "./service.js";
 import { inUnits } from "./units.js";
@@ -8,13 +9,13 @@ import { inUnits } from "./units.js";
 const WAIT = "The report is being computed: about 550 cases, half a minute to a few minutes.";
 const POLL_MS = 100;
 
-/**
- * Return a button that opens the report of the case returned by `read`.
- *
- * @param {() => object} read
- * @param {(error: Error) => void} onError
- */
-export function reportButton(read, onError) {
+/** Return the buttons that act on the case returned by `read`: `others`, then those of its report and its link. */
+export function strikeActions(read, onError, ...others) {
+  return caseActions("This case", element("p.actions", {}, ...others, reportButton(read, onError), linkButton()));
+}
+
+/** Return a button that opens the report of the case returned by `read`. */
+function reportButton(read, onError) {
   const report = async () => {
     const tab = open("", "_blank"); // browsers allow this only during a click, so the tab opens before the report arrives
     if (tab) {

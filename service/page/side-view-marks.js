@@ -4,7 +4,7 @@
 import { closedOutline, centreOfGravity, placed } from "./outline.js";
 import { colour } from "./plots.js";
 import { rowAt } from "./run.js";
-import { degreesShown, lengthShown, quantityShown } from "./words.js";
+import { degreesShown, isNoise, lengthShown, quantityShown } from "./words.js";
 
 const RADIAN = Math.PI / 180;
 const SWEPT = 48; // instants whose outlines together form the hole
@@ -91,7 +91,7 @@ export function protrusionMark({ outcome, protrusion, path, projectile: { diamet
 
 /** Return a line across the body at the largest bending stress, at the instant when it occurs, with its label. */
 export function bendingMark({ bending, history, path, projectile: { diameter_m: diameter } }) {
-  if (!bending) return [];
+  if (!bending || isNoise(bending.peak_stress_pa, "MPa")) return [];
   const row = rowAt({ history }, bending.time_s);
   const angle = path.angle[row];
   const behind = bending.distance_behind_tip_m;
@@ -132,18 +132,12 @@ function arrow(start, direction, color, name) {
 }
 
 /** Return a position beside the normal at a distance from the point of contact, on the side without outlines. */
-function besideNormal(distance) {
-  return [0.05 * distance, from(0, distance)[1]];
-}
+const besideNormal = (distance) => [0.05 * distance, from(0, distance)[1]];
 
 /** Return the position outside the face at an angle from the normal, at a distance from the point of contact. */
-function from(angle, distance) {
-  return [-distance * Math.sin(angle * RADIAN), -distance * Math.cos(angle * RADIAN)];
-}
+const from = (angle, distance) => [-distance * Math.sin(angle * RADIAN), -distance * Math.cos(angle * RADIAN)];
 
-function shown(angle) {
-  return `${Number(angle.toFixed(2))}°`;
-}
+const shown = (angle) => `${Number(angle.toFixed(2))}°`;
 
 /** Return the part of a convex polygon where a linear function of the depth is positive. */
 function cut(polygon, inside) {

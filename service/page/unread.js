@@ -18,7 +18,7 @@ const isPin = (text, query) => {
 const isAxis = (text) => readAxis(text) !== undefined;
 /** Parameters of each view besides those of the case, with functions that return whether a text can be read. */
 const OWN = {
-  explore: { time_ms: isNumber, pin: isPin },
+  explore: { time_ms: isNumber, pin: isPin, enter: (text) => text === "shots" },
   "critical-angle": { offset_deg: isNumber },
   "how-sure": {
     scatter: (text) => readInputs(new URLSearchParams({ scatter: text })) !== undefined,

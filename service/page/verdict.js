@@ -46,9 +46,7 @@ function verdictOf({ values, run, found, judged }) {
 }
 
 /** Split a text into sentences, which end with a full stop before a capital letter. */
-export function sentencesOf(text) {
-  return text.split(/(?<=\.) (?=[A-Z])/);
-}
+export const sentencesOf = (text) => text.split(/(?<=\.) (?=[A-Z])/);
 
 /** Show a verdict in an element: the deciding sentence, and the sentences that explain it. */
 export function showCard(root, { first, second, end = "", angle, line = "" }, outcome) {
@@ -86,9 +84,10 @@ export class Verdict {
     this.spread = element("div", { role: "group", "aria-label": "Spread" });
     this.fit = element("div", { role: "group", "aria-label": "Own depth tests" });
     this.link = element("a", {}, "How sure, input by input");
+    this.own = element("a", {}, "Enter own shots");
     this.about = element("details", {}, element("summary", {}, "What the range stands for"), this.spread);
     this.warnings = element("div", {});
-    const notes = [this.design, element("div.spread", {}, this.about, this.link), this.fit, this.warnings];
+    const notes = [this.design, element("div.spread", {}, this.about, this.own, this.link), this.fit, this.warnings];
     this.parts = isLine
       ? [element("details.panel.head", { ontoggle: () => this.#show() }, element("summary", {}, this.card), this.strip, ...notes)]
       : [element("div.panel.across.head", {}, this.card, this.strip), element("div.panel.across.notes", {}, ...notes)];
@@ -102,6 +101,7 @@ export class Verdict {
     this.#values = values;
     this.#run = undefined;
     this.link.setAttribute("href", address("how-sure", caseQuery(values)));
+    this.own.setAttribute("href", address("explore", new URLSearchParams([...caseQuery(values), ["enter", "shots"]])));
     markStale(this.card, this.warnings, this.strip, this.design);
     this.updateJudged.cancel();
     if (!this.isOf(values)) markStale(this.spread, this.fit);
@@ -216,9 +216,7 @@ export class Verdict {
 }
 
 /** Return the decimals of a critical angle, as in the sentences of a verdict: one more than its range has, or 1 without a range. */
-function decimalsOf(judged) {
-  return judged?.range_text?.includes(".") ? 2 : 1;
-}
+const decimalsOf = (judged) => judged?.range_text?.includes(".") ? 2 : 1;
 
 /** Describe in a sentence where a run ended. */
 function endOf({ outcome, final, exit, maximum_depth_m: depth }) {
@@ -329,6 +327,4 @@ function percent(share) {
 }
 
 /** Return a text that identifies the inputs of a critical angle. */
-function keyOf(values) {
-  return JSON.stringify(angleRequest(values));
-}
+const keyOf = (values) => JSON.stringify(angleRequest(values));

@@ -11,7 +11,7 @@ const STATUSES = {
 };
 
 /** Smaller values are numerical noise and shown as 0: a tenth of the unit shown in SI. */
-const NOISE = { mm: 1e-4, "m/s": 0.1, "°": 0.1 };
+const NOISE = { mm: 1e-4, "m/s": 0.1, "°": 0.1, MPa: 1e5 };
 
 const THOUSANDS = new Intl.NumberFormat("en", { useGrouping: "min2" });
 
@@ -35,17 +35,18 @@ export function quantityShown(value, si, count = 3) {
   return `${numberShown(value, si, count)}${unit === "°" ? "" : " "}${unit}`;
 }
 
+/** Return whether a quantity given in SI is shown as 0; `si` is its unit when SI is shown. */
+export const isNoise = (value, si) => Math.abs(value) < NOISE[si];
+
 /** Format the number of a quantity given in SI, in the unit shown but without it, for a column whose head names the unit. */
 export function numberShown(value, si, count = 3) {
-  if (Math.abs(value) < NOISE[si]) return "0";
+  if (isNoise(value, si)) return "0";
   const shown = value / unitOf(si).factor;
   return count > 3 ? grouped(Number(shown.toPrecision(count))) : digits(shown, count);
 }
 
 /** Format a length given in SI, in millimetres or inches. */
-export function lengthShown(value, count = 3) {
-  return quantityShown(value, "mm", count);
-}
+export const lengthShown = (value, count = 3) => quantityShown(value, "mm", count);
 
 /** Describe in a few words how a run ended, including how far the body protrudes from the rear face of a wall. */
 export function endingShown({ outcome, protrusion }) {
@@ -60,24 +61,16 @@ export function withInterval(value, lower, upper, shown) {
 }
 
 /** Format an angle given in degrees. */
-export function degreesShown(value, decimals = 2) {
-  return `${value.toFixed(decimals)}°`;
-}
+export const degreesShown = (value, decimals = 2) => `${value.toFixed(decimals)}°`;
 
 /** Return the display name of an outcome. */
-export function outcomeShown(outcome) {
-  return names.outcomes[outcome];
-}
+export const outcomeShown = (outcome) => names.outcomes[outcome];
 
 /** Return the display name of the status of a search. */
-export function statusShown(status) {
-  return names.statuses[status];
-}
+export const statusShown = (status) => names.statuses[status];
 
 /** Return the short name of a warning. */
-export function warningShown(code) {
-  return names.warnings[code] ?? code.replaceAll("_", " ");
-}
+export const warningShown = (code) => names.warnings[code] ?? code.replaceAll("_", " ");
 
 /** Describe in a few sentences how a run ended; its depth and its speed are in the verdict. */
 export function describeRun(run) {
@@ -148,13 +141,9 @@ export function warningList(...lists) {
 }
 
 /** Return text with a capital first letter. */
-export function capital(text) {
-  return text.charAt(0).toUpperCase() + text.slice(1);
-}
+export const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
 
-function sentence(text) {
-  return capital(text) + (/[.!?]$/.test(text) ? "" : ".");
-}
+const sentence = (text) => capital(text) + (/[.!?]$/.test(text) ? "" : ".");
 
 function place(depth, thickness = Infinity) {
   if (depth > thickness) return `${lengthShown(depth - thickness)} beyond the rear face`;

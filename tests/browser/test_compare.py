@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import httpx
 import pytest
@@ -61,6 +62,27 @@ def test_pinned_strike_is_compared_with_the_next_strike(page: Page, client: http
     assert [1e3 * max(points(page, "path", at)[1]) for at in (0, 1)] == pytest.approx(tips, rel=1e-4)
     assert {meta for meta, *_ in traces(page, "histories")} == {0, 1}
     expect(page.locator(".side-view .legend")).to_have_text(["This strike", "A"])
+
+
+def test_own_shots_are_compared_in_words_and_rounding_errors_as_zero(page: Page) -> None:
+    own = "resistance.strength_factor.model=own_tests&resistance.strength_factor.shots="
+    shots = '[{"velocity_m_s":250,"depth_m":0.31},{"velocity_m_s":300,"depth_m":0.42}]'
+    sphere = "projectile.nose.shape=sphere&projectile.diameter_m=0.02&projectile.mass_kg=0.0329"
+    open_explore(page, f"?{sphere}&impact.oblique_angle_deg=0&target.thickness_m=0.1&{own}{quote(shots)}")
+    pin(page)
+    page.get_by_label("Shots: speed, depth").fill("250, 310")
+    speed(page).fill("300")
+    expect(page.get_by_role("region", name="Comparison")).to_contain_text("1 own shot:")
+    page.wait_for_function(IDLE)
+    rows = table(page)
+    assert [" ".join(text.split()) for text in rows["Shots: speed, depth"]] == [
+        "1 own shot: 250 m/s, 310 mm",
+        "2 own shots: 250 m/s, 310 mm; 300 m/s, 420 mm",
+    ]
+    assert rows["Axis angle at the end [°]"] == ["0.0", "0.0 (+0.0)"]
+    page.get_by_label("Strength factor", exact=True).select_option("obliquity_polynomial")
+    page.get_by_label("Coefficients", exact=True).fill("8, 0.01")
+    expect(page.get_by_role("row", name="Coefficients 8, 0.01")).to_be_visible()
 
 
 def test_pinned_strikes_are_stored_in_the_url(page: Page, new_page: NewPage) -> None:

@@ -278,6 +278,26 @@ def test_own_shots_narrow_the_range(page: Page, shots: str) -> None:
     expect(page).to_have_url(re.compile("shots"))
 
 
+@pytest.mark.parametrize("view", ["critical-angle", "how-sure"])
+def test_link_beside_the_range_opens_the_place_of_own_shots(page: Page, view: str) -> None:
+    page.goto(f"/#/{view}?impact.velocity_m_s=250")
+    page.get_by_role("link", name="Enter own shots").click()
+    shots = page.get_by_label("Shots: speed, depth")
+    expect(shots).to_be_focused()
+    expect(shots).to_be_in_viewport()
+    expect(field(page, "Strength factor")).to_have_value("own_tests")
+    expect(field(page, SPEED)).to_have_value("250")
+    page.keyboard.type("250, 310\n300 deep")
+    problem = page.locator(".field .problem:visible")
+    expect(problem).to_contain_text('"300 deep" is not valid')
+    expect(problem).to_be_in_viewport(ratio=1)
+    shots.fill("250, 310")
+    expect(page.get_by_label("Own depth tests", exact=True)).to_contain_text("With 1 depth test")
+    page.get_by_role("link", name="Enter own shots").click()
+    expect(shots).to_be_focused()
+    expect(shots).to_have_value("250, 310")
+
+
 def test_list_of_shots_begins_empty_and_names_an_invalid_line(page: Page) -> None:
     open_explore(page)
     sent: list[str] = []

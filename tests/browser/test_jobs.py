@@ -38,7 +38,11 @@ def test_running_job_is_shown_and_can_be_cancelled(page: Page, client: httpx.Cli
 @pytest.mark.parametrize(
     ("table", "problem"),
     [
-        ("speed,oblique_angle_deg\n238,45", 'Column "speed" is not a field of a case.'),
+        (
+            "speed,oblique_angle_deg\n238,45",
+            'Column "speed" is not a field of a case. Did you mean impact.velocity_m_s?',
+        ),
+        ("xyz,oblique_angle_deg\n238,45", 'Column "xyz" is not a field of a case.'),
         ("velocity_m_s;oblique_angle_deg\n238;45\n238,5;45", 'Case 2, impact.velocity_m_s: "238,5" is not valid.'),
         ("velocity_m_s\n238\n240,1", "Case 2 has 2 cells, the header 1."),
         ("velocity_m_s\n238\n-3", "Case 2, impact.velocity_m_s: "),

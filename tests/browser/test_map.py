@@ -228,6 +228,34 @@ def test_band_of_the_critical_curve_is_that_of_the_verdict_and_moves_nothing(pag
     assert lower + width == pytest.approx(judged["upper_deg"], abs=1.5), "256 samples"
 
 
+def test_legend_entry_of_the_band_does_nothing_before_the_band_is_drawn(page: Page) -> None:
+    held = hold(page, "**/cra/uncertainty/sweep")
+    page.goto(f"/#/map?{PHASES}")
+    all_computed(page, 45)
+    wait_for(page, held)
+    expect(page.locator("#status")).to_have_text("All cases are computed. The 90 % range of the critical angle follows.")
+    entry = page.locator(".map .legendtoggle").first
+    expect(page.locator(".map .legendtext").first).to_have_text(BAND)
+    entry.click()
+    page.wait_for_timeout(600)  # Plotly waits for 300 ms for a second click.
+    assert trace(page, BAND)["visible"] == "legendonly"
+    for _ in range(2):
+        page.locator(".map .legendtoggle").nth(1).dblclick()
+        page.wait_for_timeout(600)
+        assert trace(page, BAND)["visible"] == "legendonly"
+        assert trace(page, "you are here")["visible"] is not False
+    page.unroute("**/cra/uncertainty/sweep")
+    held[0].continue_()
+    expect(page.locator("#status")).to_have_text("The map shows the 90 % range of the critical angle too.")
+    assert trace(page, BAND)["visible"] is True
+    page.wait_for_timeout(600)
+    entry.click()
+    page.wait_for_function(
+        "name => document.querySelector('.map .drawing').data.find((each) => each.name === name).visible === 'legendonly'",
+        arg=BAND,
+    )
+
+
 def test_band_of_previous_inputs_is_not_drawn(page: Page, client: httpx.Client) -> None:
     held = hold(page, "**/cra/uncertainty/sweep")
     page.goto(f"/#/map?{PHASES}")

@@ -111,6 +111,18 @@ def test_angles_faces_and_exit_are_labelled(page: Page) -> None:
     assert "rear face" not in words(page)
 
 
+SPHERE = "projectile.nose.shape=sphere&projectile.diameter_m=0.02&projectile.mass_kg=0.0329"
+
+
+def test_stress_of_rounding_errors_is_not_marked(page: Page) -> None:
+    straight = "impact.velocity_m_s=250&impact.oblique_angle_deg=0&target.thickness_m=0.1"
+    open_explore(page, f"?{SPHERE}&{straight}")
+    assert not any("bends" in word for word in words(page)), words(page)
+    page.get_by_label("Oblique angle", exact=True).fill("30")
+    page.wait_for_function(IDLE)
+    assert any(re.fullmatch(r"bends most: \d+\sMPa", word) for word in words(page)), words(page)
+
+
 def test_perforated_wall_has_a_hole_through_to_its_rear_face(page: Page) -> None:
     open_explore(page, "?target.thickness_m=0.2&impact.oblique_angle_deg=20&impact.velocity_m_s=300")
     assert {"face", "rear face"} <= set(words(page))

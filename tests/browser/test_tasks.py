@@ -105,6 +105,43 @@ def test_verdict_on_a_wall_against_a_steel_sphere_takes_at_most_four_inputs(expl
     assert act.count <= 4
 
 
+def test_steel_sphere_needs_only_another_diameter(explore: Page, act: Actions) -> None:
+    act.click(explore.get_by_role("link", name="Steel sphere"))
+    expect(explore.get_by_label("Diameter", exact=True)).to_have_value("20")
+    expect(explore.get_by_label("Length", exact=True)).to_have_count(0)
+    act.fill(explore.get_by_label("Diameter", exact=True), "50")
+    mass = explore.get_by_label("Mass", exact=True)
+    assert float(mass.input_value()) == pytest.approx(7850.0 * math.pi / 6 * 0.05**3, rel=0.005)
+    explore.wait_for_function(IDLE)
+    expect(explore).to_have_url(re.compile(r"diameter_m=0\.05&projectile\.length_m=0\.05&projectile\.mass_kg=0\.514&"))
+    assert act.count <= 2
+    mass.fill("0.6")  # not of steel
+    explore.get_by_label("Diameter", exact=True).fill("60")
+    expect(mass).to_have_value("0.6")
+    explore.wait_for_function(IDLE)
+    for _ in range(2):
+        explore.get_by_role("button", name="Undo").click()
+    expect(explore.get_by_label("Diameter", exact=True)).to_have_value("50")
+    expect(mass).to_have_value("0.514")
+
+
+def test_mass_of_a_steel_sphere_follows_its_diameter_in_us_units(explore: Page) -> None:
+    explore.get_by_role("link", name="Steel sphere").click()
+    explore.get_by_label("Units").select_option("us")
+    explore.get_by_role("button", name="Steel", exact=True).click()
+    explore.get_by_label("Diameter", exact=True).fill("2 in")
+    mass = float(explore.get_by_label("Mass", exact=True).input_value())
+    assert mass == pytest.approx(7850.0 * math.pi / 6 * 0.0508**3 / 0.45359237, rel=0.005)
+
+
+def test_any_body_becomes_a_sphere_of_its_diameter(explore: Page, act: Actions) -> None:
+    act.choose(explore.get_by_label("Nose", exact=True), "Sphere")
+    explore.wait_for_function(IDLE)
+    expect(explore.get_by_label("Length", exact=True)).to_have_count(0)
+    act.choose(explore.get_by_label("Nose", exact=True), "Flat")
+    expect(explore.get_by_label("Length", exact=True)).to_have_value("80")
+
+
 def test_choosing_steel_fills_in_the_mass(explore: Page) -> None:
     explore.get_by_role("link", name="Flat rod").click()
     explore.get_by_label("Length", exact=True).fill("100")

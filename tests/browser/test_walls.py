@@ -114,6 +114,19 @@ def test_plug_has_a_row_of_its_own_and_is_stored_in_the_url(page: Page) -> None:
     assert rows(page) == changed
 
 
+def test_report_and_link_of_a_wall_are_offered_beside_its_verdict(page: Page) -> None:
+    page.goto("/#/walls?target.thickness_m=0.5&search.lower_deg=44&search.upper_deg=54&search.tolerance_deg=0.5")
+    with page.expect_popup() as opened:
+        page.get_by_role("button", name="Report", exact=True).click()
+    report = opened.value
+    expect(report.get_by_role("heading", name="Answer")).to_be_visible()
+    expect(report.locator("body")).to_contain_text(re.compile(r"Wall of 500\smm"))
+    page.get_by_role("button", name="Copy link").click()
+    expect(page.get_by_label("Link to this case")).to_have_value(page.url)
+    page.get_by_label("Thickness", exact=True).fill("-1")
+    expect(page.get_by_role("button", name="Report", exact=True)).to_be_disabled()
+
+
 def test_numerics_in_the_url_are_kept(page: Page, client: httpx.Client) -> None:
     numerics = {"retention_energy_fraction": 0.2}
     with page.expect_request("**/thickness") as posted:

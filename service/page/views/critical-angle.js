@@ -4,16 +4,16 @@ import { caseQuery, readCase, replaceAddress } from "../address.js";
 import { lawsFold } from "../alternatives.js";
 import { angleRequest, withValue } from "../case.js";
 import { ANGLES, POSITIONS, drawTrials, searches, summary, trialTable } from "../convergence.js";
-import { copyButtons, linkButton } from "../copy-as.js";
+import { copyButtons } from "../copy-as.js";
 import { drawCurves, requestCurves } from "../curves.js";
-import { caseActions, element } from "../elements.js";
+import { element, formBeside } from "../elements.js";
 import { buildFold } from "../fold.js";
 import { CaseForm } from "../form.js";
 import { latest } from "../latest.js";
 import { lostNote } from "../lost.js";
 import { purge } from "../plots.js";
 import { presetLinks } from "../presets.js";
-import { reportButton } from "../report.js";
+import { strikeActions } from "../report.js";
 import { computeRun } from "../run.js";
 import { request } from "../service.js";
 import { drawSideView } from "../side-view.js";
@@ -41,7 +41,9 @@ export async function show(root, query) {
       updateCurves(values);
     },
   });
-  const parts = build(root, Number(query.get(OFFSET)), verdict.root, [searches.root, laws.root]);
+  const copy = copyButtons(() => form.currentCase());
+  const actions = strikeActions(() => form.currentCase(), fail);
+  const parts = build(root, Number(query.get(OFFSET)), verdict.root, actions, [searches.root, laws.root, copy.root]);
 
   const updateSides = latest(async (values, signal) => {
     const angle = found.critical_angle_deg;
@@ -86,7 +88,6 @@ export async function show(root, query) {
     replaceAddress("critical-angle", next);
   };
 
-  const actions = caseActions("This case");
   const form = new CaseForm(parts.form, {
     case: readCase(query),
     include: ["What strikes", "What it strikes", "How it strikes", "Laws"],
@@ -96,12 +97,8 @@ export async function show(root, query) {
     problem: parts.problem,
     parts: () => ofCase,
     panels: [verdict, searches, laws],
-    actions: [actions, parts.copy],
+    actions: [actions, copy.actions],
   });
-  const copy = copyButtons(form.currentCase);
-  parts.copy.append(copy.root);
-  actions.append(element("p.actions", {}, reportButton(form.currentCase, fail), linkButton()));
-  parts.problem.before(actions);
   parts.offset.addEventListener("change", () => {
     markStale(...parts.sides);
     if (foundFor === form.currentCase()) updateSides(foundFor);
@@ -149,14 +146,13 @@ async function showSearches(root, values, signal) {
   await Promise.all([drawTrials(part(".angles"), answers, values, ANGLES), drawTrials(part(".positions"), answers, values, POSITIONS)]);
 }
 
-function build(root, offset, verdict, folds) {
+function build(root, offset, verdict, actions, folds) {
   const options = OFFSETS.map((each) => {
     const selected = each === (OFFSETS.includes(offset) ? offset : 0.5);
     return element("option", { value: each, selected }, `${each}°`);
   });
   const parts = {
     form: element("form", { "aria-label": "Case", onsubmit: (event) => event.preventDefault() }),
-    copy: caseActions("Copy"),
     problem: element("p.problem", { role: "alert" }),
     offset: element("select", { id: "offset" }, ...options),
     sides: [0, 1].map(() => element("div.side-view", {})),
@@ -171,21 +167,11 @@ function build(root, offset, verdict, folds) {
   );
   root.append(
     element("h1", {}, "Critical angle"),
-    element(
-      "div.sides",
-      {},
-      element("div.panel", {}, presetLinks("critical-angle"), parts.form),
-      element(
-        "div.pictures",
-        {},
-        verdict,
-        parts.problem,
-        lostNote(),
-        parts.sidePanel,
-        element("section.panel.across", {}, element("h2", {}, "Over speed and over strength"), parts.curves),
-        ...folds,
-        element("section.panel.copy", {}, element("h2", {}, "Copy this case"), parts.copy),
-      ),
+    formBeside(
+      [presetLinks("critical-angle"), parts.form],
+      ...[verdict, actions, parts.problem, lostNote(), parts.sidePanel],
+      element("section.panel.across", {}, element("h2", {}, "Over speed and over strength"), parts.curves),
+      ...folds,
     ),
   );
   return parts;

@@ -3,8 +3,8 @@
 import { address, caseOf, caseQuery, readAddress, readCase, replaceAddress } from "../address.js";
 import { lawsFold } from "../alternatives.js";
 import { Compare, readPins, writePins } from "../compare.js";
-import { copyButtons, linkButton } from "../copy-as.js";
-import { caseActions, element, showText } from "../elements.js";
+import { copyButtons } from "../copy-as.js";
+import { element, formBeside, showText } from "../elements.js";
 import { drawFlight, flightWords, requestFlight } from "../flight.js";
 import { CaseForm } from "../form.js";
 import { drawHistories, moveInstant } from "../histories.js";
@@ -12,7 +12,7 @@ import { latest } from "../latest.js";
 import { lostNote, untilSeen } from "../lost.js";
 import { purge } from "../plots.js";
 import { presetLinks } from "../presets.js";
-import { reportButton } from "../report.js";
+import { strikeActions } from "../report.js";
 import { computeRun, rowAt } from "../run.js";
 import { buildScrubber } from "../scrubber.js";
 import { drawSideView, markCritical, moveOutline, rowNear } from "../side-view.js";
@@ -37,8 +37,11 @@ class Explore {
     const fail = (error) => this.form.fail(error);
     this.laws = lawsFold(fail, { hasStrike: true });
     this.verdict = new Verdict({ onError: fail, onAngle: (_, values) => this.showAngle(values), hasRun: true });
-    this.compare = new Compare(readPins(query), { currentCase: () => this.form.currentCase(), onChange: () => this.changePins() });
-    const parts = build(root, this.verdict.root, this.compare.root, this.laws.root);
+    const read = () => this.form.currentCase();
+    this.compare = new Compare(readPins(query), { currentCase: read, onChange: () => this.changePins() });
+    this.copy = copyButtons(read);
+    const actions = strikeActions(read, fail, this.compare.button);
+    const parts = build(root, { verdict: this.verdict.root, compare: this.compare.root, laws: this.laws.root, copy: this.copy.root, actions });
     this.parts = parts;
     this.instant = query.has("time_ms") ? Number(query.get("time_ms")) / 1e3 : Infinity; // the last one unless another is chosen
     this.updatePicture = latest((values, signal) => this.showPicture(values, signal), fail);
@@ -59,16 +62,14 @@ class Explore {
       problem: parts.problem,
       parts: () => [...this.ofStrike, parts.scrubber],
       panels: [this.verdict, this.laws],
-      actions: [parts.actions, parts.copy],
+      actions: [actions, this.copy.actions],
     });
-    this.copy = copyButtons(this.form.currentCase);
-    parts.copy.append(this.copy.root);
-    parts.actions.append(element("p.actions", {}, this.compare.button, reportButton(this.form.currentCase, fail), linkButton()));
     parts.side.addEventListener("pointermove", (event) => this.point(event));
     this.follower = new ResizeObserver(() => this.run && this.drawSide());
     this.follower.observe(parts.side);
     parts.presets.addEventListener("click", ({ target }) => this.keepPins(target));
-    this.change(this.form.currentCase());
+    if (query.has("enter")) this.form.enterShots();
+    if (!this.form.isHeld) this.change(this.form.currentCase());
   }
 
   /** The parts that belong to this strike. */
@@ -199,11 +200,9 @@ class Explore {
   }
 }
 
-function build(root, verdict, compare, laws) {
+function build(root, { verdict, compare, laws, copy, actions }) {
   const parts = {
     form: element("form", { "aria-label": "Case", onsubmit: (event) => event.preventDefault() }),
-    actions: caseActions("This case"),
-    copy: caseActions("Copy"),
     problem: element("p.problem", { role: "alert" }),
     outcome: element("p.quiet", { role: "group", "aria-label": "Outcome" }),
     side: element("div.side-view", {}),
@@ -215,22 +214,16 @@ function build(root, verdict, compare, laws) {
   };
   root.append(
     element("div.heading", {}, element("h1", {}, "Explore a strike"), element("p.intro", {}, ABOUT)),
-    element(
-      "div.sides",
-      {},
-      element("div.panel", {}, parts.presets, parts.form),
-      element(
-        "div.pictures",
-        {},
-        verdict,
-        element("section.panel.picture", { "aria-label": "Side view" }, parts.problem, lostNote(), parts.side, parts.scrubber),
-        element("section.panel.across", { "aria-label": "This strike" }, parts.outcome, parts.actions),
-        compare,
-        element("section.panel", {}, element("h2", {}, "Histories"), parts.histories),
-        element("section.panel", { hidden: true, "aria-label": "Where it lands" }, element("h2", {}, "Where it lands"), parts.landing, parts.flight),
-        laws,
-        element("section.panel.copy", {}, element("h2", {}, "Copy this case"), parts.copy),
-      ),
+    formBeside(
+      [parts.presets, parts.form],
+      verdict,
+      element("section.panel.picture", { "aria-label": "Side view" }, parts.problem, lostNote(), parts.side, parts.scrubber),
+      element("section.panel.across", { "aria-label": "This strike" }, parts.outcome, actions),
+      compare,
+      element("section.panel", {}, element("h2", {}, "Histories"), parts.histories),
+      element("section.panel", { hidden: true, "aria-label": "Where it lands" }, element("h2", {}, "Where it lands"), parts.landing, parts.flight),
+      laws,
+      copy,
     ),
   );
   return parts;

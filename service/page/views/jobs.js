@@ -136,7 +136,7 @@ class JobsView {
   #showJobs(jobs) {
     const before = this.#rows;
     const listeners = {
-      onCancel: (job) => this.#try(() => this.#cancel(job)),
+      onCancel: (job) => this.#try(() => this.#change(job, "/cancel", { method: "POST" }, "cancelled")),
       onDelete: (job) => this.#try(() => this.#delete(job)),
       onRename: (job) => this.#try(() => this.#rename(job)),
       onError: (error) => this.#fail(error),
@@ -156,10 +156,10 @@ class JobsView {
     this.count.textContent = this.#older === undefined ? "" : `The newest ${jobs.length} jobs. There are older ones.`;
   }
 
-  async #cancel(job) {
-    const { data } = await request(`jobs/${job.id}/cancel`, { method: "POST" });
-    this.#rows.get(job.id)?.update(data);
-    announce(`Job ${shortId(job.id)} is cancelled.`);
+  async #change({ id }, path, options, word) {
+    const { data } = await request(`jobs/${id}${path}`, options);
+    this.#rows.get(id)?.update(data);
+    announce(`Job ${shortId(id)} is ${word}.`);
   }
 
   async #delete(job) {
@@ -175,9 +175,7 @@ class JobsView {
   async #rename(job) {
     const input = element("input", { value: titleOf(job), required: true, maxlength: 200, autofocus: true, onfocus: () => input.select() });
     if (!(await this.#ask(`Rename job ${shortId(job.id)}`, element("p", {}, element("label", {}, "Title ", input)), "Rename", "Cancel"))) return;
-    const { data } = await request(`jobs/${job.id}`, { method: "PATCH", body: { title: input.value } });
-    this.#rows.get(job.id)?.update(data);
-    announce(`Job ${shortId(job.id)} is renamed.`);
+    await this.#change(job, "", { method: "PATCH", body: { title: input.value } }, "renamed");
   }
 
   /** Ask a question, and return whether the answer is yes; Escape means no. The focus is on `no`, unless the content has an input. */

@@ -143,10 +143,12 @@ class MapView {
     this.cancelButton.disabled = true;
     this.picture.showEnd(job);
     const curve = job.status === "successful" && (await this.#curve);
-    const whole = curve && (await withBand(map, curve, signal).catch(() => undefined));
-    if (!whole || signal.aborted) return;
-    await this.picture.showCells({ curve: whole });
-    announce("The map shows the 90 % range of the critical angle too.");
+    if (!curve || signal.aborted) return;
+    announce("All cases are computed. The 90 % range of the critical angle follows.");
+    const whole = await withBand(map, curve, signal).catch(() => undefined);
+    if (signal.aborted) return;
+    if (whole) await this.picture.showCells({ curve: whole });
+    announce(whole ? "The map shows the 90 % range of the critical angle too." : "The 90 % range of the critical angle could not be computed.");
   }
 
   #begin(map) {

@@ -3,11 +3,12 @@
 import { caseQuery, readCase, replaceAddress } from "../address.js";
 import { withValue } from "../case.js";
 import { names } from "../contract.js";
-import { element, table } from "../elements.js";
+import { element, formBeside, table } from "../elements.js";
 import { CaseForm } from "../form.js";
 import { latest } from "../latest.js";
 import { presetLinks } from "../presets.js";
 import { lostNote } from "../lost.js";
+import { strikeActions } from "../report.js";
 import { request } from "../service.js";
 import { markFresh, markStale } from "../stale.js";
 import { inUnits, unitOf } from "../units.js";
@@ -22,7 +23,9 @@ const COLUMNS = ["By", "Perforation limit", "Scabbing limit", "Penetration", "Ra
 
 /** Show the view. */
 export async function show(root, query) {
-  const parts = build(root);
+  const fail = (error) => form.fail(error);
+  const actions = strikeActions(() => form.currentCase(), fail);
+  const parts = build(root, actions);
   const shown = [parts.card, parts.warnings, parts.thicknesses];
   const updateResults = latest(async (values, signal) => {
     const post = async (path, body) => (await request(path, { body, signal })).data;
@@ -43,7 +46,7 @@ export async function show(root, query) {
     parts.warnings.replaceChildren(...warningList(judged.warnings, thickness.warnings));
     parts.thicknesses.replaceChildren(...sentences, tableOf(thickness, table, judged, target.compressive_strength_pa));
     markFresh(...shown);
-  }, (error) => form.fail(error), { supersede: true });
+  }, fail, { supersede: true });
   const refresh = (values) => {
     markStale(...shown);
     updateResults(values);
@@ -59,6 +62,7 @@ export async function show(root, query) {
     onHold: () => updateResults.cancel(),
     problem: parts.problem,
     parts: () => shown,
+    actions: [actions],
   });
   refresh(form.currentCase());
   return () => updateResults.stop();
@@ -98,7 +102,7 @@ function bare(value, round) {
   return value === undefined ? "" : grouped((round(value / factor / step - 1e-9) * step).toFixed(unit === "mm" ? 0 : 1));
 }
 
-function build(root) {
+function build(root, actions) {
   const parts = {
     form: element("form", { "aria-label": "Case", onsubmit: (event) => event.preventDefault() }),
     problem: element("p.problem", { role: "alert" }),
@@ -106,12 +110,11 @@ function build(root) {
     warnings: element("div", {}),
     thicknesses: element("div", {}),
   };
-  const results = element(
-    "div.pictures",
-    {},
+  const results = [
     verdictSection(element("div.panel.head", {}, parts.problem, lostNote(), parts.card), element("div.panel.notes", {}, parts.warnings)),
+    actions,
     element("section.panel", { "aria-label": "Thicknesses" }, parts.thicknesses),
-  );
-  root.append(element("h1", {}, "Walls"), element("div.sides", {}, element("div.panel", {}, presetLinks("walls"), parts.form), results));
+  ];
+  root.append(element("h1", {}, "Walls"), formBeside([presetLinks("walls"), parts.form], ...results));
   return parts;
 }
