@@ -8,9 +8,7 @@ const PAGE = 1000; // results requested at once
 const PAUSE_MS = 1000; // before a broken stream is reopened
 
 /** Return whether a job has ended. */
-export function isFinal(job) {
-  return !["accepted", "running"].includes(job.status);
-}
+export const isFinal = (job) => !["accepted", "running"].includes(job.status);
 
 /** Describe the progress of a job, its rate and the time left. */
 export function progressWords({ counts, status, started }) {

@@ -107,9 +107,8 @@ function contours(place, z) {
 /** Return round levels for contour lines through some values; Plotly itself would keep the levels of the map drawn before. */
 function levels(values) {
   const [least, most] = [Math.min(...values), Math.max(...values)];
-  if (!(most > least)) return {};
-  const size = nice((most - least) / 6);
-  return { start: Math.ceil(least / size) * size, end: most, size };
+  const size = nice((most - least) / 6); // 0 or not a number if there is nothing to draw
+  return size > 0 ? { start: Math.ceil(least / size) * size, end: most, size } : {};
 }
 
 /** Return the line beyond which the surface of the projectile yields in bending; none if all cells yield, or none does. */

@@ -41,8 +41,8 @@ export async function computeRun(values, signal) {
   const rows = run.history.time_s.length;
   if (rows < FEWEST || rows > MOST) run = await requestRun(latest.duration);
   const warnings = given === values ? run.warnings : [clipWarning(given), ...run.warnings];
-  const path = pathOf(run.history, given.projectile);
-  return { ...run, warnings, path, projectile: given.projectile, target: given.target, values };
+  const { projectile, target } = given;
+  return { ...run, warnings, path: pathOf(run.history, projectile), projectile, target, values };
 }
 
 /** Compute a strike without its history. */
@@ -63,8 +63,7 @@ export async function requestStrike(body, signal) {
     if (interval && error.errors?.some(({ pointer }) => pointer === "/output/sample_interval_s")) return send({ ...body, output });
     if (!error.stoppedAt) throw error;
     const time = Number((0.95 * error.stoppedAt).toPrecision(3));
-    const shorter = interval && Math.min(interval, time);
-    return send({ ...body, output: { ...body.output, sample_interval_s: shorter }, numerics: { ...body.numerics, termination_time_s: time } });
+    return send({ ...body, output: { ...body.output, sample_interval_s: interval && Math.min(interval, time) }, numerics: { ...body.numerics, termination_time_s: time } });
   }
 }
 

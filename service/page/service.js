@@ -49,9 +49,7 @@ export async function request(path, { method, body, headers = {}, signal, as = "
 }
 
 /** Return whether an error only means that its request was aborted. */
-export function isAbort(error) {
-  return error?.name === "AbortError";
-}
+export const isAbort = (error) => error?.name === "AbortError";
 
 /** Return whether an error means that the service is unreachable or busy, so that the same request may succeed later. */
 export function isLost({ status }) {
