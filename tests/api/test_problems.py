@@ -65,6 +65,12 @@ async def test_exception_becomes_its_problem(error: Exception, status: int, name
     assert "secret" not in response.text
 
 
+async def test_run_beyond_the_step_limit_states_the_time_it_reached() -> None:
+    response = await answer_to(StepLimitError(10_000, 0.02))
+    problem = Problem.model_validate_json(response.content)
+    assert (problem.stopped_at_s, problem.detail) == (0.02, "more than 10,000 steps, stopped at 0.02 s")
+
+
 async def test_names_of_problems_are_unique() -> None:
     found = {
         error for error in vars(errors).values() if isinstance(error, type) and issubclass(error, errors.ServiceError)
