@@ -53,6 +53,8 @@ def fill(page: Page, view: str) -> None:
     last = "table" if view in ("jobs", "walls") else ".drawing .main-svg"
     expect(page.locator(last).first).to_be_visible()
     expect(page.locator(".sides > :last-child [aria-busy=true]:visible")).to_have_count(0)
+    if view == "map-outcomes":  # The range of the critical angle takes longer than the cells.
+        expect(page.locator("#status")).to_contain_text("shows the 90 % range")
     page.wait_for_load_state("networkidle")
     page.wait_for_timeout(1000)  # The last plot is still being drawn.
 
