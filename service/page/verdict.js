@@ -39,7 +39,7 @@ function verdictOf({ values, run, found, judged }) {
   const pending = `At ${mine} from the normal, with the inputs as given: ${ending}${unjudged}. ${capital(critical)}${range}.`;
   const [strike, design = ""] = (isJudged ? judged.sentence : pending).split(/ (?=(?:Design|No design) value)/);
   const [first, ...others] = sentencesOf(strike);
-  const wall = /^(The w|W)all /.test(first) ? `${first.replace(/ of .* from the normal:/, "").split(/[.:]/)[0]}; ` : "";
+  const wall = /^(The w|W)all /.test(first) ? `${first.replace(/ of .* from the normal:/, "").split(/[.:;]/)[0]}; ` : "";
   const line = `${capital(`${wall}${ending}`)} at ${mine}${isJudged ? probability : unjudged}, ${critical}`;
   const end = isJudged && range && judged.probability_text === undefined ? `${mine} is not in the range searched. ${endOf(run)}` : endOf(run);
   return { first, second: others.join(" "), end, design, angle, line };
