@@ -9,7 +9,7 @@ import { AT_ONCE, evenly, isOfAngle, numbers } from "./sweep.js";
 
 const STUDIES = 9; // largest number of studies for a band; few are enough, because it changes slowly along the curve
 const RICOCHET = "ricochet";
-const CLICK_MS = 500; // more than the 300 ms after which Plotly reports a click, because it waits for a second one
+const CLICK_MS = 500; // time in which a click that was meant for the greyed entry of the legend may still come
 const BAND = "#ffffff66"; // translucent, so that the colours of the outcomes remain visible
 
 /**

@@ -16,7 +16,6 @@ const CLIP_DEG = 0.1; // step of the slider for the oblique angle
 const ANGLE = "impact.oblique_angle_deg";
 const STRENGTH = "resistance.strength_factor";
 const EQUATION_9 = [8.469, 0.0149, -0.0013]; // of 1, θ, θ² in degrees: the default coefficients of the polynomial
-
 const HELD_FROM_DEG = 60; // S of eq. 9 is held constant from this angle on
 
 let latest = {}; // speed [m/s] and duration [s] of the latest run, from which the duration of the next is predicted

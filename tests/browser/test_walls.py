@@ -34,7 +34,7 @@ def test_thicknesses_equal_the_answers_of_the_service(page: Page, client: httpx.
     assert shown["With a plug at the rear"][0] == upwards(plugged["least_thickness_m"])
     assert len(shown) == 3 + 11
     expect(page.locator("caption")).to_have_text(re.compile(r"with the mean strength of 39\sMPa, without margins$"))
-    assert shown["Hughes *"][3] == "within; gives the design value against scabbing and perforation"
+    assert shown["Hughes *"][3] == "within; gives both design values"
     assert "in doubt" in shown["BRL *"][3]
     formulas = {row["formula"]: row for row in client.post("/formulas", json=PAPER_AT_45).json()["formulas"]}
     assert shown["Modified NDRC"][0] == upwards(formulas["modified_ndrc"]["perforation_thickness_m"])

@@ -91,8 +91,8 @@ function tableOf({ variants }, { formulas, scabbing_margin: scabbing, perforatio
 function rangeShown({ formula, in_range: isWithin, range_known: isKnown, out_of_range: outside, note }, judged) {
   const reasons = outside.map(({ detail }) => detail).join("; ");
   const range = isWithin ? "within" : isKnown ? `outside: ${reasons}` : `not known${reasons && `; ${reasons}`}`;
-  const governed = ["scabbing", "perforation"].filter((name) => judged[name].formula === formula).join(" and ");
-  return [range, note, governed && `gives the design value against ${governed}`].filter(Boolean).join("; ");
+  const [one, other] = ["scabbing", "perforation"].filter((name) => judged[name].formula === formula);
+  return [range, note, other ? "gives both design values" : one && `gives the design value against ${one}`].filter(Boolean).join("; ");
 }
 
 /** Format a length without its unit, in whole millimetres or tenths of an inch; limits are rounded up, as in the sentences. */
@@ -113,7 +113,7 @@ function build(root, actions) {
   const results = [
     verdictSection(element("div.panel.head", {}, parts.problem, lostNote(), parts.card), element("div.panel.notes", {}, parts.warnings)),
     actions,
-    element("section.panel", { "aria-label": "Thicknesses" }, parts.thicknesses),
+    element("section.panel.across", { "aria-label": "Thicknesses" }, parts.thicknesses),
   ];
   root.append(element("h1", {}, "Walls"), formBeside([presetLinks("walls"), parts.form], ...results));
   return parts;
