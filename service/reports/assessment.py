@@ -163,7 +163,7 @@ def page(strike: Assessed) -> str:
 
 def _headline(verdict: Verdict) -> Markup:
     """Return the verdict as HTML, with its range in bold and its first sentences on wall and strike in large type."""
-    wall = verdict.wall.sentence if verdict.wall else ""
+    wall = verdict.wall.sentence if verdict.wall else verdict.sentence if verdict.wall_failed else ""
     leads = [verdict.sentence, wall, verdict.sentence.removeprefix(f"{_first_sentence(wall)} ")]
     text = escape(verdict.sentence)
     for lead in dict.fromkeys(escape(_first_sentence(each)) for each in leads if each):

@@ -113,9 +113,9 @@ class WallAnswer(WallDesign):
 
     model_config = with_examples(
         {
-            "sentence": "Wall of 450 mm at 45° from the normal: not enough against scabbing. Design value against "
-            "scabbing 511 mm (Hughes × 1.1), against perforation 440 mm (Hughes × 1.2), with the mean strength of "
-            "39 MPa, as no characteristic strength is given.",
+            "sentence": "Wall of 450 mm at 45° from the normal: not enough against scabbing; enough against "
+            "perforation at this angle only. Design value against scabbing 511 mm (Hughes × 1.1), against perforation "
+            "440 mm (Hughes × 1.2), with the mean strength of 39 MPa, as no characteristic strength is given.",
             **WALL,
             "variants": VARIANTS,
             "outcome": "embedded",
