@@ -230,7 +230,11 @@ def passes(kind: str, rows: list[Comparison]) -> bool:
 
 
 def compare_routes(count: int, seed: int, processes: int) -> bool:
-    """Print the table of combinations and all differences between the methods; return whether there is no fault."""
+    """Print the numbers of combinations and the unexplained differences between the methods.
+
+    Return True if there are no such differences and, with at least `routes.FULL_TABLE` strikes, every combination
+    occurred.
+    """
     strikes = list(random_strikes(count, seed))
     with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"), initializer=warm_up) as pool:
         rows = list(pool.map(routes.compare, range(count), strikes, chunksize=20))

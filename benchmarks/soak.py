@@ -61,7 +61,7 @@ ROUND_SECONDS, SETTLE_SECONDS = 30.0, 3.0
 PATIENCE_SECONDS = 120.0
 """Time allowed for an answer while the server restarts on a busy machine. [s]"""
 CASES_PER_SECOND = 20
-"""Number of cases of a job for each second of a round."""
+"""Number of cases in a job, per second of the duration of a round."""
 NEW_SHARE = 0.4
 """Fraction of the cases in a batch that are new. [1]"""
 SAMPLE = 300
@@ -161,7 +161,7 @@ class Owner:
         self._number, self._sweeps = number, 0
 
     def send(self, method: str, path: str, expected: frozenset[int] = frozenset({200}), **more: Any) -> httpx.Response:
-        """Send a request until its status is neither 429 nor 503. A status not in `expected` is a fault."""
+        """Repeat a request until its status is neither 429 nor 503. Any other status not in `expected` is a fault."""
         deadline = time.monotonic() + PATIENCE_SECONDS
         while time.monotonic() < deadline:
             with suppress(httpx.TransportError):

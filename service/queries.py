@@ -402,8 +402,9 @@ class QueryService:
                     function, *arguments, owner=owner, cost=cost, begun=begun, longest_wait=self._queue_seconds
                 )
         except QueueTimeoutError:
-            # The query has waited this long behind work of its owner that has less remaining cost, such as jobs, which
-            # `_work` does not count. Nothing suggests that another attempt would wait less.
+            # The query has waited for work that takes precedence, such as jobs of the same owner with less remaining
+            # cost. The estimate leaves jobs out, and another attempt may have to wait just as long, so the client is
+            # told to wait at least for the longest time in the queue.
             seconds = max(self.seconds_until_done(), math.ceil(self._queue_seconds))
             raise QueriesWaitingError(seconds) from None
         finally:
@@ -425,7 +426,7 @@ class QueryService:
         known = self.cache.known(list(records))  # Another chunk may have stored some of these results in the meantime.
         segments: Sequence[Segment] = results[-1].value or () if results and results[-1].error is None else ()
         missing = [record for key, record in records.items() if key not in known]
-        # A file that a worker has written is stored as it is only if the cache has none of its results.
+        # A file written by a worker is added to the cache without rewriting only if the cache has none of its results.
         segments = [segment for segment in segments if all(key in records and key not in known for key in segment[0])]
         records |= {record.key: record for record in self.cache.put_many(missing, segments)}
         return [records[outcome.key] if isinstance(outcome, Record) else outcome for outcome in outcomes]

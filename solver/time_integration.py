@@ -119,7 +119,9 @@ def integrate_fixed(
         _attempt_fixed_step(state, step, model, work)
         was_loaded, loaded = loaded, accelerate(work.trial, model, work.scratch, work.end)
         before, energy = energy, kinetic_energy(work.trial, body) - lasting
-        # Panels have no ramp: near rest the load changes sign from step to step, and adds energy to the body.
+        # The panel method applies the full static stress at any velocity, so near rest the load changes sign from step
+        # to step, and adds energy to the body. A step that gains energy counts as rest if so little energy is left that
+        # the load could stop the body within one step.
         enough = min(_impulse_energy(work.end, step, body), UNRESOLVED_ENERGY * initial_energy)
         if before < energy < enough:
             return Termination.REST.value, time, deepest, index, 4 * index, gain

@@ -474,7 +474,7 @@ IMPLAUSIBLE = "implausible"
 
 
 def implausible(what: str) -> ModelWarning:
-    """Return the warning about a physically impossible answer, which reveals an error of the program."""
+    """Return the warning about a physically impossible answer, which is a sign of a bug."""
     return ModelWarning(
         IMPLAUSIBLE, f"{what}: no such strike exists; this is a fault of the program, please report it with the inputs"
     )

@@ -317,7 +317,7 @@ def print_alternatives(answer: Mapping[str, Any]) -> None:
 
 
 def alternatives_of(answer: Mapping[str, Any]) -> Mapping[str, Sequence[Any]]:
-    """Return the results with other laws as columns, with empty cells for missing values."""
+    """Return the columns of the table of results with other laws; missing values are empty cells."""
     alternatives = answer["alternatives"]
     found = ("status", "critical_angle_deg") if "status" in answer else ("outcome",)
     names = ("free_surface", "strength_factor", "obliquity_shape", *found)

@@ -65,8 +65,9 @@ SELECT number, finished IS NOT NULL FROM (
 )
 WHERE taken > ?
 """  # noqa: S608 (of this file)
-"""SQL query for the jobs that exceed the disk space of an owner, and whether they have ended. Its parameters are the
-number of a job of the owner and the limit. Unfinished jobs are counted first, then the jobs that ended last."""
+"""SQL query for the jobs of an owner that do not fit into the disk limit, and whether they have ended. Its parameters
+are the number of a job of the owner and the limit. Unfinished jobs are counted first, then the others from the most
+recently ended one on."""
 STATUSES = frozenset(get_args(Status))
 LARGEST = 2**63 - 1
 """Largest integer that SQLite can store."""
@@ -230,7 +231,7 @@ class JobStore:
             return None
 
     def end(self, job: int, status: Status, problem: dict[str, Any] | None = None) -> JobState:
-        """Set the final status of a job, unless it has ended before."""
+        """Set the final status of a job, unless it has already ended."""
         with self._database.writing() as database:
             return self._end(database, job, status, problem)
 

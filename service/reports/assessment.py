@@ -208,7 +208,7 @@ def _title(strike: Assessed) -> str:
 
 
 def _target_strength(strike: Assessed, kind: Literal["compressive", "characteristic"]) -> str:
-    """Return the mean compressive strength of the target, or its characteristic one; empty if not given."""
+    """Format the mean or the characteristic compressive strength of the target; empty if the case has none."""
     strength = lookup(strike.case, f"/target/{kind}_strength_pa")
     return "" if strength is None else quantity(strength, "MPa")
 

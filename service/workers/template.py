@@ -72,8 +72,9 @@ class Template:
         warnings = [f"-W{option}" for option in sys.warnoptions]
         with theirs:
             # The process has its own group, because Ctrl-C in a terminal reaches all processes of the foreground group
-            # and would end the new one with a traceback. It has no session of its own, because Linux shares processor
-            # time between sessions, and the niceness of the workers would have no effect on the service.
+            # and would end the template process with a traceback. It stays in the session of the service: Linux may
+            # divide processor time evenly between sessions (autogroups), and niceness counts only within one, so in
+            # another session the workers would not yield to the service.
             self._process = subprocess.Popen(  # noqa: S603 (our own)
                 [sys.executable, *warnings, "-P", "-c", f"{program}fork_workers({theirs.fileno()})"],
                 stdin=subprocess.DEVNULL,

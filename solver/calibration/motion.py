@@ -351,8 +351,8 @@ def _estimate(runs: Sequence[_Run], best: float, confidence_level: float) -> Est
     for square, slope, error in parts:
         bread = square * slope
         freedom = _independent(error) - bread / total
-        # The mean square of n correlated residuals is multiplied by n and divided by the number of independent samples,
-        # minus the share of the fitted parameter that this quantity determines. The n cancels.
+        # The variance of correlated residuals is inflated: their sum of squares is divided not by their number, but by
+        # the number of independent samples, minus the share of the fitted parameter that this quantity determines.
         part = square * bread * float(error @ error) / freedom
         variance += part
         spread += part**2 / freedom

@@ -405,7 +405,7 @@ def _first_onset(brackets: list[tuple[Trial, Trial]], trials: tuple[Trial, ...])
     deciding = tuple(trial for bracket in brackets for trial in bracket)
     onsets = [index for index, (_, right) in enumerate(brackets) if _turned_away(right)]
     # If the range begins with ricochet, the critical angle lies below it. A change from embedded to ricochet at a
-    # larger angle is then only one of the other changes.
+    # larger angle then counts only as one of `other_crossings`.
     if starts or not onsets:
         others = tuple(right.oblique_angle for _, right in brackets)
         status = SearchStatus.ALWAYS_RICOCHET if starts else SearchStatus.NO_RICOCHET

@@ -342,7 +342,7 @@ class TrajectoryUncertainty:
 
     @property
     def exit_angle(self) -> Quantiles:
-        """Quantiles of the angle of the exit velocity of ricochets from the outward normal. [1, rad]"""
+        """Quantiles of the angle between the exit velocity of ricochets and the outward normal. [1, rad]"""
         return self.ricochet_exit.get("direction", ())
 
     @property

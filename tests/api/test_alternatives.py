@@ -32,7 +32,7 @@ def strike(velocity: float, **more: Any) -> dict[str, Any]:
 
 
 def under(body: dict[str, Any], alternative: dict[str, Any]) -> dict[str, Any]:
-    """Return the same case with the laws of an alternative."""
+    """Return a copy of the body with the laws of an alternative."""
     resistance: dict[str, Any] = {name: {"model": alternative[name]} for name in ("free_surface", "strength_factor")}
     if alternative.get("obliquity_shape") == "finite_elements":
         resistance["strength_factor"] |= {"coefficient": 8.469, "exponent": 0, "obliquity_shape": "finite_elements"}

@@ -285,7 +285,7 @@ def test_phase_diagram_without_ricochet_has_no_critical_curve(page: Page) -> Non
 
 
 def wait_for(page: Page, held: list[Route]) -> None:
-    """Wait until a request is withheld."""
+    """Wait until a request has been intercepted and is held."""
     for _ in range(1800):
         if held:
             return

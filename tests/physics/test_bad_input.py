@@ -350,7 +350,7 @@ ARGUMENTS_OF = {
 }
 ARGUMENTS_OF |= {"thickness_spread": {"target": PAPER_TARGET}, "limit_velocity": {"oblique_angle": 0.0}}
 BATCH_FUNCTIONS = ("critical_angle_many", "simulate_many", "least_thickness_many", "limit_velocity_many")
-"""Functions that return the error of a case in its place instead of raising it."""
+"""Functions of many cases. They do not raise the error of a case, but return it in the place of its result."""
 FUNCTIONS_WITH_RESISTANCE: dict[str, Callable[..., Any]] = {
     name: function
     for package in (solver, solver.uncertainty, solver.calibration)

@@ -46,7 +46,7 @@ def body(nose: NoseShape) -> Projectile:
 
 FLAT = body(Flat())
 TABLE = [
-    # nose, least thickness, depth in a half-space, exit speed from 0.2 m
+    # nose, least thickness, depth in a half-space, exit speed behind a wall of 0.2 m
     pytest.param(Ogive(caliber_radius_head=3.0), 0.2402, None, 104.4, id="ogive"),
     pytest.param(Conical(length_to_diameter=1.66), 0.2441, 0.3068, None, id="cone 1.66"),
     pytest.param(Conical(length_to_diameter=0.5), 0.2781, 0.2294, None, id="cone 0.5"),

@@ -40,15 +40,15 @@ ANGLES = [
     pytest.param(44.10, {"velocity": 150.0, "target": STRONG}, id="150 m/s on 50 MPa"),
     pytest.param(47.87, {"velocity": 300.0, "resistance": MOHR_COULOMB_6}, id="300 m/s, mohr-coulomb, S 6"),
 ]
-"""Angle above which more than 1 % of the energy is left, by an independent program with 96,000 panels and steps of
-1 µs. [°]"""
+"""Angle above which more than 1 % of the energy is left, as computed by an independent program with 96,000 panels and
+steps of 1 µs. [°]"""
 TOLERANCE_DEG = 0.02
 
 SPEEDS, STRENGTHS = np.linspace(60.0, 450.0, 60), np.linspace(20e6, 60e6, 60)
 LINE = 12
-"""Spacing of the tested rows and columns of the map, in cells; they would cross any line of jumps."""
+"""Spacing of the tested rows and columns of the map [cells]. Any line along which the angle jumps would cross some."""
 STEEPEST_DEG = 2.5
-"""Largest difference of neighbouring angles on the map; jumps of the angle would be larger. [°]"""
+"""Largest difference allowed between the angles of adjacent cells; a jump would be larger. [°]"""
 
 
 @pytest.mark.parametrize(("expected", "changes"), ANGLES)

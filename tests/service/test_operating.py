@@ -86,7 +86,7 @@ async def test_finished_case_whose_segment_was_lost_in_a_power_cut_is_recomputed
         job = await accepted(manager, cases(range(100), log))
         await ended(manager, job)
     for number, path in enumerate(sorted((tmp_path / "data" / "results" / "segments").rglob("*.h5"))):
-        # The power failed before these blocks were written.
+        # This simulates a power cut before all blocks of the files were written.
         path.write_bytes(b"" if number % 2 else path.read_bytes()[:4096] + bytes(4096))
     async with running(tmp_path, pool) as manager:
         assert squares(await all_results(manager, job)) == [i**2 for i in range(100)]
