@@ -37,11 +37,11 @@ from solver.warnings import ModelWarning
 SAMPLES, HALF_WIDTH = 1024, 0.05
 """Budget of samples, and half width of the intervals of probabilities at which sampling ends. [1, 1]"""
 # Between two such angles, the probability for the paper's strike rises by 0.07 at most, and linear interpolation is off
-# by 0.015, less than the half width of the intervals. The angle to judge is one of these angles if the search covers
-# it.
+# by 0.015, less than the half width of the intervals. The requested oblique angle is one of these angles if
+# the search covers it.
 STEP_DEG = 0.5
 """Interval between angles at which the probability is computed. [°]"""
-# Conversion of the angle to judge between degrees and radians causes rounding errors.
+# Conversion of the requested oblique angle between degrees and radians causes rounding errors.
 SAME_ANGLE = 1e-9
 """Largest difference of angles that count as equal. [rad]"""
 # A unit in the last digit shown should be a third of the width or less.
@@ -56,7 +56,7 @@ ENDINGS: Mapping[str, str] = {
 """Outcomes in words."""
 COUNTED: Mapping[int, str] = {1: "one", 3: "three"}
 """Numbers of shots in words."""
-# Shrinking the range by less than a tenth does not justify a test; the value is a rough choice.
+# Shrinking the range by less than a tenth does not justify a test; the value is arbitrary.
 HARDLY_NARROWER = 0.9
 """Ratio of the expected width of the range to its present width, above which no more shots are advised. [1]"""
 # The sentence should agree with the probability that it states: "is turned away" is wrong in at most one of ten cases.
@@ -95,7 +95,7 @@ class Spread(NamedTuple):
     theories: tuple[float | None, ...]
     """Critical angle with each theory of the decay; empty if the theory is not an input of the study. [rad]"""
     probability: Estimate | None
-    """Probability of ricochet at the angle to judge; None if the curve does not include that angle. [1]"""
+    """Probability of ricochet at the requested oblique angle; None if the curve does not include that angle. [1]"""
 
     @classmethod
     def of(
@@ -115,7 +115,7 @@ class Spread(NamedTuple):
         curve
             Rows of angle [rad], probability, and both ends of its interval.
         oblique_angle
-            Angle to judge, if any. [rad]
+            Requested oblique angle, if any. [rad]
         """
         near = [
             Estimate(*estimate)
@@ -127,7 +127,7 @@ class Spread(NamedTuple):
 
 
 class Ended(NamedTuple):
-    """Part of the result of the run at the angle to judge that enters a verdict."""
+    """Part of the result of the run at the requested oblique angle that enters a verdict."""
 
     outcome: Outcome | None = None
     protrusion: Protrusion | None = None
@@ -174,25 +174,25 @@ class Verdict:
     other_crossings: tuple[float, ...] = ()
     """Other angles at which ricochet begins or ends. [rad]"""
     oblique_angle: float | None = None
-    """Angle to judge, if any. [rad]"""
+    """Requested oblique angle, if any. [rad]"""
     outcome: Outcome | None = None
-    """Outcome of the strike at the angle to judge, with the inputs as given; None without such an angle, or without an
-    outcome."""
+    """Outcome of the strike at the requested oblique angle, with the inputs as given; None without such an angle, or
+    without an outcome."""
     protrusion: Protrusion | None = None
-    """Protrusion of the body from the rear face of a wall at the angle to judge; None if nothing protrudes, or if the
-    body perforates."""
+    """Protrusion of the body from the rear face of a wall at the requested oblique angle; None if nothing protrudes, or
+    if the body perforates."""
     flight: Flight | None = None
-    """Flight of the body after a ricochet at the angle to judge; None without a ricochet."""
+    """Flight of the body after a ricochet at the requested oblique angle; None without a ricochet."""
     probability: Estimate | None = None
-    """Probability of ricochet at the angle to judge, given the usual scatter, and its sampling interval; None if it was
-    not computed. [1]"""
+    """Probability of ricochet at the requested oblique angle, given the usual scatter, and its sampling interval; None
+    if it was not computed. [1]"""
     wall: WallVerdict | None = None
-    """Verdict on the wall, if the target has a thickness; without an angle to judge it is for normal impact."""
+    """Verdict on the wall, if the target has a thickness; without a requested oblique angle it is for normal impact."""
     wall_failed: bool = False
     """True if the target has a thickness, but the strikes on its wall could not be computed."""
     warnings: tuple[ModelWarning, ...] = ()
-    """Warnings about the strike at the angle to judge and about the search. If there is a range, warnings whose effect
-    on the critical angle is at most a quarter of its width are standing notes."""
+    """Warnings about the strike at the requested oblique angle and about the search. If there is a range, warnings
+    whose effect on the critical angle is at most a quarter of its width are standing notes."""
 
     @property
     def range_text(self) -> str:
@@ -335,12 +335,12 @@ def _degrees(angle: float, decimals: int) -> str:
 def probability_angles(oblique_angle: float | None, lower: float, upper: float) -> tuple[float, float, int]:
     """Return the first and last angle of the probability curve [°], and the number of angles.
 
-    The curve includes the angle to judge if it is in the range of the search, and the range is wide enough.
+    The curve includes the requested oblique angle if it is in the range of the search, and the range is wide enough.
 
     Parameters
     ----------
     oblique_angle
-        Angle to judge, if any. [°]
+        Requested oblique angle, if any. [°]
     lower, upper
         Range of the search. [°]
     """
@@ -375,10 +375,10 @@ def verdict(
     projectile, target, velocity, angle_of_attack, angular_velocity, resistance, numerics, search, strength_scatter
         As for `critical_angle`. [SI, rad]
     oblique_angle
-        Angle to judge, if any. [rad]
+        Requested oblique angle, if any. [rad]
     flight
-        Tilt and height of the face, for the flight of a body that is turned away at the angle to judge; a face level
-        with the ground unless given.
+        Tilt and height of the face, for the flight of a body that is turned away at the requested oblique angle; a
+        face level with the ground unless given.
     threads
         Number of searches computed in parallel.
 
@@ -580,9 +580,9 @@ def range_with(spread: tuple[float, float] | None, angle: float | None) -> tuple
 def with_those_of_strike(strike: Sequence[ModelWarning], search: Sequence[ModelWarning]) -> tuple[ModelWarning, ...]:
     """Return the warnings about a strike, followed by the warnings about the search.
 
-    If both have a warning with the same code, both are kept, because the strike is at the angle to judge and the search
-    at other angles. A warning about the strike is left out if the text of a warning about the search begins with its
-    text. A warning that is kept is a standing note if the warning about the search with the same code is one.
+    If both have a warning with the same code, both are kept, because the strike is at the requested oblique angle and
+    the search at other angles. A warning about the strike is left out if the text of a warning about the search begins
+    with its text. A warning that is kept is a standing note if the warning about the search with the same code is one.
     """
     by_code = {each.code: each for each in search}
     kept = [
