@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 WATCH_SECONDS = 60.0
-"""Interval between comparisons of the clocks, a rough choice: a jump is logged within a minute. [s]"""
+"""Interval between comparisons of the clocks, an arbitrary choice: a jump is logged within a minute. [s]"""
 DIVERGENCE_SECONDS = 30.0
 """Smallest change in the difference between the clocks that is logged. [s] Time synchronisation that slews the clock
 stays below it: chrony slews by at most 8.3 % by default, which is 5 s between two comparisons."""

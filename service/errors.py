@@ -120,7 +120,7 @@ class QueueFullError(ServiceError):
 class JobsTooLargeError(QueueFullError):
     """The unfinished jobs of one owner would exceed their limit on disk space."""
 
-    # A rough choice: space becomes free when a job ends, and nothing here predicts when.
+    # An arbitrary choice: space becomes free when a job ends, and nothing here predicts when.
     retry_after = 60
 
     def __init__(self, limit: int) -> None:
@@ -199,7 +199,7 @@ class OwnerStreamsError(ServiceError):
     type = "urn:ricochet:problem:owner-streams"
     title = "Too many event streams of this owner"
     retry_after = 30
-    """Time after which a stream may have ended, a rough choice: a stream lasts as long as its job. [s]"""
+    """Time after which a stream may have ended, an arbitrary choice: a stream lasts as long as its job. [s]"""
 
     def __init__(self, limit: int) -> None:
         super().__init__(f"{limit} event streams are open; end one, or read the job itself")
@@ -282,7 +282,7 @@ class DownloadsFullError(ServiceError):
     type = "urn:ricochet:problem:downloads-full"
     title = "Too many files are being sent"
     retry_after = 30
-    """Time after which a download may have ended, a rough choice: it depends on the clients. [s]"""
+    """Time after which a download may have ended, an arbitrary choice: it depends on the clients. [s]"""
 
     def __init__(self) -> None:
         super().__init__(

@@ -140,7 +140,7 @@ class LimitSettings(SettingsGroup):
     96,000 panels with steps of 1 µs over the usual 0.05 s make 4.8e9, some 100 s of work."""
     max_streams: Annotated[int, Field(ge=1)] = 200
     """Largest number of open event streams. [1] Each one is woken at every change of its job, so the limit bounds the
-    work of a change; 200 is a rough choice, ten owners with 20 streams each."""
+    work of a change; 200 is an arbitrary choice, ten owners with 20 streams each."""
     max_owner_streams: Annotated[int, Field(ge=1)] = 20
     """Largest number of open event streams of one owner. [1] It is more than a browser opens, and leaves room for ten
     owners."""

@@ -234,7 +234,7 @@ MILLIMETRES = (("mm", 1e-3), ("cm", 1e-2))
 PRESSURES = (("MPa", 1e6), ("kPa", 1e3), ("GPa", 1e9))
 """Units in which strengths are often given instead of pascals, with their factors to pascals."""
 # Each range includes all real strikes with a margin, and excludes most values in a wrong unit. The values are
-# rough choices.
+# arbitrary.
 BOUNDS: Mapping[str, Bound] = {
     "projectile.diameter": Bound(1e-3, 5.0, "mm", "metres", MILLIMETRES),
     "projectile.length": Bound(1e-3, 20.0, "mm", "metres", MILLIMETRES),

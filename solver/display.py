@@ -30,7 +30,7 @@ Columns: TypeAlias = dict[str, npt.NDArray[Any]]
 Row: TypeAlias = Mapping[str, str | float | None]
 """Strings and numbers of one answer by column name; None for a missing value."""
 
-# With more outlines, neighbouring ones overlap along a usual path; the value is a rough choice.
+# With more outlines, neighbouring ones overlap along a usual path; the value is arbitrary.
 INSTANTS = 5
 """Number of instants at which a side view shows the projectile."""
 # With 40 points, the chords of a quarter circle deviate from it by 2e-4 of its radius, less than a pixel.

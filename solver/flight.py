@@ -14,7 +14,7 @@ AIR_DENSITY = 1.225
 """Density of air at sea level, International Standard Atmosphere (ISO 2533:1975). [kg/m³]"""
 GRAVITY = 9.80665
 """Standard gravity, 3rd CGPM (1901). [m/s²]"""
-# Drag coefficients of blunt bodies are about 1; the value is a rough choice.
+# Drag coefficients of blunt bodies are about 1; the value is a rough estimate.
 TUMBLING_DRAG = 1.0
 """Default drag coefficient: that of a tumbling body, for its mean projected area. [1]"""
 # With this tolerance distances are accurate to a millimetre in a kilometre, and vary with the elevation smoothly enough

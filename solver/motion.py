@@ -31,7 +31,7 @@ from solver.surface_integration import Law
 RAMP_FRACTION = 1e-4
 """Normal velocity over which the static stress builds up, as a fraction of the impact velocity. [1]"""
 # With the ramp, the load at the end of a contact fades gradually instead of vanishing at an instant, so a small load
-# has to count as none. A millionth of the static stress on an area as large as the body is a rough choice.
+# has to count as none. A millionth of the static stress on an area as large as the body is arbitrary.
 NEGLIGIBLE_LOAD = 1e-6
 """Load below which a body counts as unloaded, relative to static stress × (distance from centre of gravity to
 tip)². [1]"""

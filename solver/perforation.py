@@ -38,7 +38,7 @@ MOST_DIAMETERS = 1000.0
 VELOCITIES = (1.0, 2000.0)
 """Range of velocities searched. [m/s]"""
 # The outcome need not be monotonic, and the first change counts: larger ratios could pass over it, and smaller ones
-# take more trials. The factor is a rough choice.
+# take more trials. The factor is arbitrary.
 GROWTH = 1.5
 """Ratio of consecutive values tried until the outcome changes. [1]"""
 # A bracket of this width is far narrower than the effect of the scatter of S, and takes about twelve bisections.
@@ -364,7 +364,7 @@ def _search(
         Whether the projectile perforates at the lower bound if there is a limit: True for a thickness, False for a
         velocity.
     """
-    # A finer tolerance is far below the error of a run, and a wider bracket says little; both bounds are rough choices.
+    # A finer tolerance is far below the error of a run, and a wider bracket says little; both bounds are arbitrary.
     require_between("tolerance", tolerance, 1e-8, 0.1)
     always, never = PerforationStatus.ALWAYS_PERFORATED, PerforationStatus.NEVER_PERFORATED
     trials: dict[float, PerforationTrial] = {}

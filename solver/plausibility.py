@@ -22,10 +22,10 @@ from solver.warnings import ModelWarning, implausible
 # An exact solution gains no energy. With the default tolerances the error of the energy is smaller than this.
 MOST_GAIN = 1e-3
 """Largest gain of kinetic energy relative to its initial value. [1]"""
-# A motion has up to hundreds of steps, whose errors mostly cancel. Ten is a rough choice.
+# A motion has up to hundreds of steps, whose errors mostly cancel. Ten is arbitrary.
 ERROR_OF_TOLERANCE = 10.0
 """Ratio of the largest error of the energy to the relative tolerance of a step. [1]"""
-# On an oblique path both faces weaken the resistance, so the bound has to be far below 1. Its value is a rough choice.
+# On an oblique path both faces weaken the resistance, so the bound has to be far below 1. Its value is arbitrary.
 LEAST_WORK = 0.05
 """Least energy lost in a wall, relative to (S f'c weakened by the rear face) × cross-section × thickness. [1]"""
 # A thinner wall may lie wholly within the weakened zones of its two faces, and take hardly any energy.
@@ -135,7 +135,7 @@ def _least_work(prepared: PreparedCase, impact: Impact) -> float:
     crushed = resistance.crater is not None or resistance.rear_plug is not None
     if thickness is None or crushed or thickness < LEAST_WALL * prepared.projectile.diameter:
         return 0.0
-    # The bound is a rough one, so 33 points give the mean of the decay over the thickness accurately enough.
+    # The bound is only approximate, so 33 points give the mean of the decay over the thickness accurately enough.
     ratios = 1.0 + np.linspace(0.0, thickness / prepared.projectile.radius, 33)
     left = float(decay_factor(model=resistance.free_surface, target=prepared.target, radius_ratio=ratios).mean())
     return LEAST_WORK * left * _static_force(prepared, impact) * thickness

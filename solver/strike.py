@@ -33,7 +33,7 @@ TRAJECTORY_STATIONS, SEARCH_STATIONS = 12, 8
 # becomes of a slower body.
 RETENTION_ENERGY_FRACTION = 0.01
 """Default retention energy relative to the initial kinetic energy. [1]"""
-# The lower bound is the energy that counts as rest. The upper bound is a rough choice.
+# The lower bound is the energy that counts as rest. The upper bound is arbitrary.
 RETENTION_BOUNDS = (1e-4, 0.5)
 """Accepted retention energies, relative to the initial kinetic energy. [1]"""
 

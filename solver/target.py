@@ -106,8 +106,8 @@ class Crater:
     depth_diameters: float = 2.0
 
     def __post_init__(self) -> None:
-        # Published depths are 2 diameters, or the length of the nose plus 0.7 diameters. The bound is a rough choice
-        # far above both, which detects depths in a wrong unit.
+        # Published depths are 2 diameters, or the length of the nose plus 0.7 diameters. The bound is arbitrary,
+        # but far above both, so it detects depths in a wrong unit.
         fits = math.isfinite(self.depth_diameters) and 0.0 < self.depth_diameters <= 20.0
         require(fits, "resistance.crater.depth_diameters", f"must be above 0, up to 20, got {self.depth_diameters:g}")
 
@@ -135,7 +135,7 @@ class ShearPlug:
 
     def __post_init__(self) -> None:
         # Near the ends of the accepted range the cone is almost a cylinder or a disc, for which the formula is not
-        # meant; both ends are rough choices. The margin allows for the conversion between degrees and radians.
+        # meant; both ends are arbitrary. The margin allows for the conversion between degrees and radians.
         degrees = math.degrees(self.cone_angle)
         fits = math.isfinite(degrees) and 10.0 - 1e-9 <= degrees <= 85.0 + 1e-9
         require(fits, "resistance.rear_plug.cone_angle", f"must be 10° to 85°, got {degrees:g}°")

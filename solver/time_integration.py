@@ -337,7 +337,7 @@ def _size(error: FloatArray, scale: FloatArray) -> float:
 STEP_LIMIT = 100_000
 """Largest number of steps tried in one run."""
 # The first step is short, because the step control has no history yet. The largest step prevents steps from passing
-# over the kinks of nose entry; a quarter is a rough choice. Below the smallest step, near the rounding error of time, a
+# over the kinks of nose entry; a quarter is arbitrary. Below the smallest step, near the rounding error of time, a
 # run counts as diverged.
 FIRST_STEP, LARGEST_STEP, SMALLEST_STEP = 1e-2, 0.25, 1e-15
 """Lengths of steps, relative to the time to travel the distance from centre of gravity to tip at the impact speed; for

@@ -37,16 +37,16 @@ EQUATION_9_STRENGTH, EQUATION_9_DIAMETER = 39e6, 0.08
 # By the law of published tests, S changes by 2 % over the first and by 5 to 7 % over the second, less than it scatters.
 SAME_STRENGTH, SAME_DIAMETER = 0.1, 0.25
 """Relative differences of strength and diameter from those of eq. 9 up to which it is used without a warning. [1]"""
-# Tungsten and uranium have about 19,000 kg/m³; the lower bound is a rough choice.
+# Tungsten and uranium have about 19,000 kg/m³; the lower bound is arbitrary.
 MEAN_DENSITY = (1e3, 2e4)
 """Usual mean densities of bodies, from hollow ones to tungsten or uranium. [kg/m³]"""
 # This is the lowest yield strength of 4340 steel hardened to Rc 45.
 USUAL_YIELD_STRENGTH = 1.2e9
 """Default yield strength of the body. [Pa]"""
-# Bodies bend and break at larger angles of attack; the value is a rough choice.
+# Bodies bend and break at larger angles of attack; the value is arbitrary.
 SMALL_ATTACK = math.radians(5.0)
 """Largest angle of attack without a warning. [rad]"""
-# Nobody would read a longer list; the value is a rough choice.
+# Nobody would read a longer list; the value is arbitrary.
 MOST_NAMED = 5
 """Largest number of shots that a warning names."""
 # The theory of deep cavities does not apply within the front crater, where spalling governs (Forrestal et al. 1994).

@@ -71,10 +71,10 @@ POOL_SECONDS = 1
 """Time allowed for workers to stop after the last request [s]: half for calls to finish, half for processes to end."""
 TRACES_SECONDS = 0.5
 """Time allowed for sending the last traces, after jobs, workers and cache have stopped [s]. A nearby collector takes
-milliseconds, and one that does not answer must not delay the shutdown; the value is a rough choice."""
+milliseconds, and one that does not answer must not delay the shutdown; the value is arbitrary."""
 STOP_SECONDS = POOL_SECONDS + 1
 """Part of the grace period reserved for stopping jobs and workers after the last response [s]: `POOL_SECONDS` for the
-workers, and one second, a rough choice, for saving the progress of jobs and closing the caches."""
+workers, and one second, an arbitrary choice, for saving the progress of jobs and closing the caches."""
 REFUSAL_SECONDS = 1
 """Part of the grace period in which unfinished requests are refused, just before jobs and workers are stopped [s]. The
 refusals are sent within milliseconds; one second leaves a margin."""

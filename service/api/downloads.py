@@ -19,13 +19,13 @@ from service.private_files import make_private, make_private_folder
 FOLDER = "downloads"
 """Name of the folder of downloads in the data folder."""
 SHARE = 0.1
-"""Fraction of the disk limit of the cache that downloads may take. A rough choice: it is small because a download can
-be written again from results, while a result has to be computed again."""
+"""Fraction of the disk limit of the cache that downloads may take. The value is arbitrary, and small because a download
+can be written again from results, while a result has to be computed again."""
 WRITTEN_AT_ONCE = 2
 """Number of files that are written at the same time. Each takes some 10 MB of memory and most of a core."""
 PIECE_BYTES = 256 * 1024
 """Size of the pieces in which a file is sent [bytes]. A smaller piece costs more switches between threads, a larger one
-more memory per client; the value is a rough choice."""
+more memory per client; the value is arbitrary."""
 
 
 class Downloads:

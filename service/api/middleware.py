@@ -32,7 +32,7 @@ DRAIN_BYTES = 64 * 1024 * 1024
 """Largest part of the body of a refused request that is read and discarded [bytes]. Reading that much takes half a
 second."""
 DRAIN_SECONDS = 5.0
-"""Longest time for which a refused body is read before the response is sent [s]. A rough choice: long enough for
+"""Longest time for which a refused body is read before the response is sent [s]. An arbitrary choice: long enough for
 `DRAIN_BYTES` on a usual connection, and a limit for clients that send slowly on purpose."""
 
 

@@ -7,7 +7,7 @@ CSV, HDF5, PARQUET = "text/csv", "application/x-hdf5", "application/vnd.apache.p
 
 remembered = lru_cache(maxsize=64)
 """Decorator that caches the result for a header, because a client sends the same header with every request. 64 entries,
-a rough choice, exceed the number of different headers that the clients of a service send."""
+an arbitrary choice, exceed the number of different headers that the clients of a service send."""
 
 
 @remembered

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 JSON_PIECE = 128 * 1024
 """Size of the pieces of JSON that are sent [bytes]. Sending a smaller piece takes as long as encoding it; a larger one
-delays other requests. The value is a rough choice."""
+delays other requests. The value is arbitrary."""
 
 Value = TypeVar("Value")
 

@@ -37,7 +37,7 @@ TABLES = frozenset({".csv", ".tsv", ".xlsx"})
 OTHER_SPREADSHEETS = frozenset({".xls", ".xlsb", ".xlsm", ".ods", ".numbers", ".parquet"})
 """File extensions of other tables, which are refused with the advice to save them as .xlsx or .csv."""
 MAX_LISTED = 50
-"""Largest number of errors that are listed, a rough choice: nobody corrects more at once."""
+"""Largest number of errors that are listed, an arbitrary choice: nobody corrects more at once."""
 MAX_PLOT_AXES = 2
 """Largest number of axes that a plot can show: a curve has one, a map two."""
 MAX_POINTS = 100_000

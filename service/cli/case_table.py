@@ -68,7 +68,7 @@ MAX_SHOWN = 40
 """Largest number of characters of a header or a cell that are quoted in an error, about half a line. A header is also
 cut to this length before it is compared with the names of fields."""
 MAX_COLUMNS = 10
-"""Largest number of columns named in one error, a rough choice: a longer list would not be read."""
+"""Largest number of columns named in one error, an arbitrary choice: a longer list would not be read."""
 
 
 class Column(NamedTuple):

@@ -40,7 +40,8 @@ PAGE_SIZE = 1000
 UNFINISHED = frozenset({"accepted", "running"})
 """Statuses of a job that has not ended."""
 POLL_SECONDS = 0.2
-"""Interval between requests for the state of a job [s]. A rough choice: a progress bar moves five times a second."""
+"""Interval between requests for the state of a job [s]. An arbitrary choice: a progress bar moves five times a
+second."""
 JSON, PARQUET = "application/json", "application/vnd.apache.parquet"
 
 Content: TypeAlias = Callable[[], "bytes | Iterable[bytes]"]

@@ -30,7 +30,7 @@ CACHE_ACTIONS = (
     ("evict", "remove the least recently used results", "ricochet cache evict --bytes 1000000000"),
 )
 MAX_OWNER_LENGTH = 100
-"""Longest name of an owner [characters]. A rough choice: the name appears in each line of the audit log."""
+"""Longest name of an owner [characters]. An arbitrary choice: the name appears in each line of the audit log."""
 MAX_CASES = 1_000_000_000
 """Largest accepted quota [cases per hour]. It only catches typing errors, since no service computes as many."""
 MAX_DAYS = 36_500.0

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 DEFAULT_URL = "http://127.0.0.1:8000"
 SHORTEST_PAUSE, LONGEST_PAUSE = 0.05, 0.5
 """Shortest and longest interval between requests for new results of a job [s]. The interval doubles each time there are
-none. A rough choice: the end of a small job is noticed at once, and a long one is polled only twice a second."""
+none. An arbitrary choice: the end of a small job is noticed at once, and a long one is polled only twice a second."""
 ACTIONS = (
     ("list", "list the jobs, the newest first", "ricochet jobs list"),
     ("show", "print the state of a job", "ricochet jobs show ID --json"),

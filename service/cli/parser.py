@@ -18,7 +18,7 @@ FLAG_COLUMN = re.compile(r"^  (-.*)$", re.MULTILINE)
 """Pattern of the lines of a help text that begin with a flag."""
 FLAG = re.compile(r"(?<![\w-])--?[a-z][a-z-]*")
 SIMILAR = 0.7
-"""Least difflib ratio at which a flag is suggested for a misspelt one [1]. A rough choice. Leading hyphens are not
+"""Least difflib ratio at which a flag is suggested for a misspelt one [1]. An arbitrary choice. Leading hyphens are not
 compared."""
 WORDING: Sequence[tuple[str, Callable[[re.Match[str]], str]]] = (
     (

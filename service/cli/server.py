@@ -40,7 +40,8 @@ never sends a request on a connection that is being closed here."""
 TERMINATED = 143
 """Exit status after SIGTERM, as reported by shells: 128 plus the number of the signal."""
 PROGRESS_SECONDS = 5.0
-"""Interval between log entries while the solver is compiled [s]. A rough choice: compilation takes about a minute."""
+"""Interval between log entries while the solver is compiled [s]. An arbitrary choice: compilation takes about a
+minute."""
 
 log = logging.getLogger(__name__)
 

@@ -35,7 +35,7 @@ SHOWN = {
 """Columns of the table on a terminal, by operation."""
 MINUS = "\N{MINUS SIGN}"
 DIGITS = 5
-"""Number of significant digits in a table, a rough choice: the model is far less accurate."""
+"""Number of significant digits in a table, an arbitrary choice: the model is far less accurate."""
 MOST_WRITTEN_OUT = 1e9
 """Magnitude from which numbers have an exponent in a table. Strengths of concrete in Pa are below it."""
 NUMERAL = re.compile(r"([-+]?[\d.]+(e[-+]?\d+)?)?|nan|-?inf")

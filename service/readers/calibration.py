@@ -231,10 +231,10 @@ MOTION = (
 )
 MAX_SPEED_RATIO, MIN_SPEED_RATIO = 1.5, 0.1
 """Largest plausible mean speed up to any row, and smallest one up to half of the displacement, relative to the initial
-speed [1]. The bounds are wide (a rough choice), because wrong units are mostly off by a factor of 1000."""
+speed [1]. The values are arbitrary; they are wide apart, because wrong units are mostly off by a factor of 1000."""
 
 ROTATION_SCATTER = math.radians(5.0)
-"""Allowance for the scatter of measured rotations, a rough choice. [rad]"""
+"""Allowance for the scatter of measured rotations, an arbitrary choice. [rad]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -149,7 +149,7 @@ NUMBER = re.compile(
 )
 MAX_LINE = 10_000
 """Longest line of numbers that is parsed [characters]. Lines in LS-DYNA files have some 200; the limit bounds the time
-for a crafted line (the number is a rough choice)."""
+for a crafted line (the number is arbitrary)."""
 ASTERISKS, COLUMN_WIDTH = re.compile(r"\*+"), 12
 """Fortran fills the column of a number that does not fit with asterisks; a column of LS-DYNA is 12 characters wide."""
 BARE_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d{3})$")

@@ -37,8 +37,8 @@ DYNA_TITLE = re.compile(rb"(?s).{,512}ls-dyna.{,80}date")
 DYNA_MOTIONS = (b"r i g i d   b o d y", b"n o d a l   p r i n t")
 OTHER_DYNA = "an LS-DYNA text file other than rbdout and nodout; {motion}"
 HEAD_BYTES = 65_536
-"""Length of the start of a file from which its format is recognized [bytes], a rough choice with room for the comments
-at the start of a keyword file. It is limited so that a crafted file cannot make the patterns slow."""
+"""Length of the start of a file from which its format is recognized [bytes], an arbitrary choice with room for the
+comments at the start of a keyword file. It is limited so that a crafted file cannot make the patterns slow."""
 MAX_BYTES = 2**30
 """Largest file that is read [bytes]: LS-DYNA starts a new file at this size. Without a limit, a device such as
 /dev/zero would be read forever."""
@@ -47,7 +47,8 @@ MOTION_FILES = "the motion of a body is in rbdout, nodout or binout"
 
 
 MAX_REASON = 500
-"""Length to which the reason of an error is truncated, since it may quote a long cell. A rough choice. [characters]"""
+"""Length to which the reason of an error is truncated, since it may quote a long cell. The value is arbitrary.
+[characters]"""
 
 
 class FileError(Exception):

@@ -138,10 +138,10 @@ NUMBER_SIGN = re.compile(r"# *(?=[,;\t])")
 NUMBERED = re.compile(r"#[^\s,;\t]+(?=([,;\t]))")
 """Start of a row whose first cell is a running number such as #17."""
 MAX_NAMES = 20
-"""Largest number of column names listed in an error, which should stay readable (a rough choice)."""
+"""Largest number of column names listed in an error, which should stay readable (an arbitrary choice)."""
 MAX_COLUMNS = 10_000
-"""Largest number of columns, a rough choice. Each column takes time: it is compared with the names of all quantities
-in all units."""
+"""Largest number of columns, an arbitrary choice. Each column takes time: it is compared with the names of all
+quantities in all units."""
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?")
 BLANKS = re.compile(r"(?<![ \t])[ \t]++(?![\[(])")
 """Blanks between two cells, unless a unit in brackets follows. The pattern matches a whole run possessively, since the

@@ -97,7 +97,7 @@ class Row(NamedTuple):
 
 
 MOST_SHOTS = 12
-"""Largest number of shots listed in the report, where a list should stay within a few lines (a rough choice)."""
+"""Largest number of shots listed in the report, where a list should stay within a few lines (an arbitrary choice)."""
 SHOT = ("velocity_m_s", "depth_m", "mass_kg", "diameter_m")
 """Fields of a shot, in the order in which they are shown."""
 GROUPS: Final[Mapping[str, str]] = {

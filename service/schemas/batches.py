@@ -12,8 +12,8 @@ from service.schemas.strike import PAPER_AT_45
 MOST_CASES = 1_000
 """Largest number of cases in a JSON batch. It bounds the time for which parsing blocks other requests."""
 MOST_LINES = 100_000
-"""Largest number of cases in a JSONL batch, and of points in a sweep. A rough choice: this many critical angles are
-some twenty minutes of work on one core and 200 MB of JSON lines; larger numbers have not been measured."""
+"""Largest number of cases in a JSONL batch, and of points in a sweep. An arbitrary choice: this many critical angles
+are some twenty minutes of work on one core and 200 MB of JSON lines; larger numbers have not been measured."""
 
 CustomId = Annotated[
     str,

@@ -68,7 +68,7 @@ class DepthTest(SolverPart[SolverTest]):
     """Greatest depth of the nose tip. [m]"""
     mass_kg: Annotated[Num, Field(**within("projectile.mass"))] | MISSING = MISSING
     """Mass of the projectile, if it differs from the mass of `projectile`. [kg]"""
-    # Only ratios of weights matter. The bounds are rough choices: with a millionth of the default weight, a test has
+    # Only ratios of weights matter. The bounds are arbitrary: with a millionth of the default weight, a test has
     # no noticeable effect on the fit.
     weight: Annotated[Num, Field(ge=1e-6, le=1e6)] = 1.0
     """Relative weight of the squared residual. [1]"""

@@ -18,7 +18,7 @@ from solver.checks import ParameterError
 from solver.strike import TERMINATION_TIME
 
 MOST_COMPARED = 20
-"""Largest number of strength factors to compare, a rough choice: more curves cannot be told apart in a plot."""
+"""Largest number of strength factors to compare, an arbitrary choice: more curves cannot be told apart in a plot."""
 
 StrengthFactorValue = Annotated[
     Num, Field(ge=0.1, le=1000.0, description="Strength factor. Measured ones lie between some 5 and 25. [1]")
@@ -56,7 +56,7 @@ class Calibration(Part):
     resistance: Annotated[CalibrationResistance, Field(default_factory=CalibrationResistance)]
     numerics: Numerics | MISSING = MISSING
     """Method and resolution of the runs. In a fit to motions, each run ends when its history ends."""
-    # With a level below one half, an interval is more often wrong than right; the upper bound is a rough choice.
+    # With a level below one half, an interval is more often wrong than right; the upper bound is arbitrary.
     confidence_level: Annotated[Num, Field(ge=0.5, le=0.9999)] = 0.95
     """Confidence level of the interval of the strength factor. [1]"""
     compare_strength_factors: (
@@ -156,7 +156,7 @@ class MotionWeights(SolverPart[Weights]):
 
     model_config = with_examples({"depth": 1.0, "lateral": 1.0, "rotation": 0.5})
 
-    # Only ratios of weights matter, and 0 leaves a quantity out. The upper bound is a rough choice.
+    # Only ratios of weights matter, and 0 leaves a quantity out. The upper bound is arbitrary.
     depth: Annotated[Num, Field(ge=0.0, le=1e6)] = 1.0
     """Weight of the displacement along the normal. [1]"""
     lateral: Annotated[Num, Field(ge=0.0, le=1e6)] = 1.0

@@ -38,8 +38,8 @@ OWN_TESTS = {"model": "own_tests", "shots": [SHOT]}
 MOHR_COULOMB = {"model": "mohr_coulomb", "inertia": True}
 
 LARGEST_COEFFICIENT = 1e6
-"""Largest magnitude of a coefficient of the polynomial of S, a rough choice. The coefficients of the paper are at most
-8.5; the bound only keeps products finite."""
+"""Largest magnitude of a coefficient of the polynomial of S, an arbitrary choice. The coefficients of the paper are at
+most 8.5; the bound only keeps products finite."""
 
 Coefficient = Annotated[Num, Field(ge=-LARGEST_COEFFICIENT, le=LARGEST_COEFFICIENT)]
 CovarianceRow = Annotated[list[Coefficient], Field(min_length=1, max_length=10)]
@@ -60,7 +60,7 @@ class ConstantStrengthFactor(SolverPart[solver.ConstantStrengthFactor]):
     model_config = with_examples(CONSTANT)
 
     model: Literal["constant"]
-    # Most measured values lie between 5 and 25. The bound is a rough choice that excludes a strength in Pa.
+    # Most measured values lie between 5 and 25. The bound is an arbitrary choice that excludes a strength in Pa.
     value: Annotated[Num, Field(gt=0.0, le=1000.0)]
 
 
@@ -105,7 +105,7 @@ class StrengthPowerLaw(SolverPart[solver.StrengthPowerLaw]):
     model_config = with_examples({"model": "strength_power_law"}, STRENGTH, STRENGTH_AND_DIAMETER)
 
     model: Literal["strength_power_law"]
-    # The bounds are rough choices that only keep powers finite: published exponents lie within ±1.
+    # The bounds are arbitrary choices that only keep powers finite: published exponents lie within ±1.
     coefficient: Annotated[Num, Field(gt=0.0, le=1e6)] = POWER_LAW.coefficient
     exponent: Annotated[Num, Field(ge=-10.0, le=10.0)] = POWER_LAW.exponent
     reference_strength_pa: Annotated[Num, Field(ge=1e5, le=1e9)] = POWER_LAW.reference_strength

@@ -19,7 +19,8 @@ SOUGHT = {
 """Ends of the messages for fields that a search or a fit determines, and that its request therefore does not have."""
 SEPARATORS = re.compile(r"[^a-z0-9]+")
 SIMILAR = 0.8
-"""Smallest ratio of difflib at which a name is suggested, a rough choice: it admits one wrong letter in five. [1]"""
+"""Smallest ratio of difflib at which a name is suggested, an arbitrary choice: it admits one wrong letter in five.
+[1]"""
 
 
 def field_names(

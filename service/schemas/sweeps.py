@@ -19,7 +19,7 @@ from service.schemas.similar_names import SOUGHT, field_names, meant_as
 from solver.units import whole_number
 
 MOST_AXES = 4
-"""Largest number of axes, a rough choice: ten values on each of four axes are 10,000 points already."""
+"""Largest number of axes, an arbitrary choice: ten values on each of four axes are 10,000 points already."""
 EVEN = {"field": "impact.velocity_m_s", "start": 200.0, "stop": 300.0, "count": 3}
 ANGLES = {"field": "impact.oblique_angle_deg", "values": [0.0, 20.0]}
 LISTED = {"field": "target.compressive_strength_pa", "values": [39e6, 97e6]}

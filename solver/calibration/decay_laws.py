@@ -13,7 +13,7 @@ from solver.strike import Numerics
 from solver.target import Target
 from solver.warnings import ModelWarning
 
-# Laws whose misfits differ by less than a fifth fit a motion about equally well; the value is a rough choice.
+# Laws whose misfits differ by less than a fifth fit a motion about equally well; the value is arbitrary.
 BETTER = 0.8
 """Ratio of the normalised root mean square of the best law to that of the requested law, below which a warning appears.
 [1]"""

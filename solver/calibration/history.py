@@ -18,7 +18,7 @@ from solver.units import Amount
 QUANTITIES: Final = ("depth_displacement", "lateral_displacement", "rotation")
 """Names of the quantities of a history."""
 # Measured histories may be off by some per cent, and start slightly before or after contact; in a wrong unit they are
-# off by far more. Both values are rough choices.
+# off by far more. Both values are arbitrary.
 REACH, SLACK = 1.1, 0.1
 """Tolerances of `check_reach`: a factor on distance and rotation, and an allowance in body lengths or radians. [1]"""
 

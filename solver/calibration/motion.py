@@ -48,10 +48,10 @@ SMALLEST_SPAN = 1e-3
 FEWEST_SAMPLES = 2.0
 """Least number of independent samples of a quantity."""
 # If the sum of squares at another minimum is less than 1.5 times the least, either minimum may be the true one; the
-# value is a rough choice.
+# value is arbitrary.
 RIVAL = 1.5
 """Ratio of the sum of squares at another minimum to the least one, below which a warning names that minimum. [1]"""
-# A good fit of a smooth motion explains more than 99 % of the variance. The value is a rough choice.
+# A good fit of a smooth motion explains more than 99 % of the variance. The value is arbitrary.
 POOR = 0.9
 """Fraction of the variance explained, below which a warning calls a fit poor. [1]"""
 

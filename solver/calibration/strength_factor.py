@@ -35,7 +35,7 @@ ROUGHLY = 1e-3
 # The square of a smaller slope may underflow, and the normal equation would divide by zero.
 SMALLEST_SLOPE = 1e-30
 """Largest absolute derivative of a residual with respect to ln S, above which the residuals determine S."""
-# The deepest minimum on the coarse grid need not be the deepest of all. Three is a rough choice.
+# The deepest minimum on the coarse grid need not be the deepest of all. Three is arbitrary.
 REFINED = 3
 """Largest number of local minima that are compared before a fit."""
 
@@ -173,7 +173,7 @@ HIGHEST_ORDER = 9
 """Highest order of a polynomial in the angle."""
 RIGHT_ANGLE = 90.0
 """Angle by which all angles are divided in a fit. [°]"""
-# One in a hundred is a rough choice.
+# One in a hundred is arbitrary.
 UNLIKELY = 0.01
 """Probability of a scatter larger than found, below which a warning says that the standard errors of the points are too
 small or the order too low. [1]"""

@@ -46,7 +46,7 @@ from solver.search.trials import (
 from solver.surface import Body
 
 # A usual search takes about twenty trials. The limit bounds the size of the table, and ends searches in which the
-# outcome alternates from one angle to the next; its value is a rough choice.
+# outcome alternates from one angle to the next; its value is arbitrary.
 MOST_TRIALS = 2000
 """Number of trials after which no bracket is narrowed any further."""
 # If the root is closer to an end of the bracket than this, a trial at this distance leaves a bracket within the
@@ -56,11 +56,11 @@ KEEP_OFF = 0.45
 """Distance that a trial keeps from the ends of the bracket, as a fraction of the tolerance; a quarter of the bracket if
 that is less. [1]"""
 # Where the margin is not smooth, regula falsi may shrink a bracket slowly; bisection then bounds the number of trials.
-# Three is a rough choice.
+# Three is arbitrary.
 PATIENCE = 3
 """Number of trials after which a bracket is bisected if they have not halved it."""
 # If the slope of the margin is estimated much too small, a stride computed from it passes over the change. The value is
-# a rough choice.
+# arbitrary.
 GROWTH = 4.0
 """Largest ratio of two consecutive strides toward a change. [1]"""
 # The error of a root is estimated by SHIFT_ERROR × (shift between two levels) + MARGIN_ERROR / (growth of the margin).
@@ -229,10 +229,10 @@ UNSURE = 0.95
 """Ratio of the absolute margin to the retention energy, below which a coarse trial is repeated. [1]"""
 HALF_DEGREE = math.radians(0.5)
 # The increase should be small enough for a linear effect, and the effect larger than the error of a trial. Two per cent
-# is a rough choice.
+# is arbitrary.
 MORE_INERTIA = 1.02
 """Factor on the moment of inertia in the trial that measures its effect. [1]"""
-# If S varies strongly between two trials, they may hide a band of another outcome; the value is a rough choice.
+# If S varies strongly between two trials, they may hide a band of another outcome; the value is arbitrary.
 MOST_STRENGTH_BEND = 0.1
 """Largest relative deviation of S midway between two trials from the mean of its values at both, up to which the angles
 between are skipped. [1]"""

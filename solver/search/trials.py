@@ -132,14 +132,14 @@ STEP_LIMIT, NOT_FINITE = Termination.STEP_LIMIT.value, Termination.NOT_FINITE.va
 PERFORATED, TUMBLED = Termination.PERFORATED.value, Termination.TUMBLED.value
 NO_STRENGTH, CANCELLED = Termination.NO_STRENGTH.value, Termination.CANCELLED.value
 # A trial continues below the retention energy: secants need values on both sides of a change, and the energy left
-# varies smoothly with the angle there too. A tenth is a rough choice.
+# varies smoothly with the angle there too. A tenth is arbitrary.
 ENERGY_FLOOR = 0.1
 """Kinetic energy at which a trial ends, as a fraction of the retention energy. [1]"""
 # A margin of zero has no sign, and two of them would make the denominator of a secant zero. The value is far below the
 # error of a margin.
 LEAST = 1e-9
 """Smallest absolute value of a margin. [1]"""
-# Closer to a change, the error of a margin is a large part of the margin; the value is a rough choice.
+# Closer to a change, the error of a margin is a large part of the margin; the value is arbitrary.
 CLOSE = math.radians(0.3)
 """Least distance from a change at which a trial serves to estimate the growth of the margin. [rad]"""
 

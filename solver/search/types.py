@@ -83,7 +83,7 @@ class Search:
             f"must be at least 0° and below the upper end, got {math.degrees(lower):g}° and {math.degrees(upper):g}°",
         )
         # Finer tolerances are below the error of a trial, and a scan at 0.1° already takes up to 800 trials. The upper
-        # bounds are rough choices: beyond them a search would say little.
+        # bounds are arbitrary: beyond them a search would say little.
         require_between("search.tolerance", self.tolerance, math.radians(1e-6), math.radians(10.0))
         require_between("search.relative_tolerance", self.relative_tolerance, 1e-8, 0.5)
         require_between("search.scan_interval", self.scan_interval, math.radians(0.1), math.pi / 2.0)
@@ -92,7 +92,7 @@ class Search:
     def bounds(self) -> tuple[float, float]:
         """Lower and upper end of the range. [rad]"""
         # The paper searches from 40° to 60°. Below 5° a projectile moves nearly along the normal, above 85° nearly
-        # along the face; both ends are rough choices.
+        # along the face; both ends are arbitrary.
         lower, upper = (5.0, 85.0) if self.method == "outcome" else (40.0, 60.0)
         return (
             math.radians(lower) if self.lower is None else self.lower,

@@ -49,14 +49,14 @@ SURROGATE_ERROR = math.radians(0.1)
 # Evaluating the surrogate takes microseconds, and with so many points its sampling error is negligible.
 SURROGATE_POINTS = 4096
 """Number of points in each scrambling at which the surrogate is evaluated."""
-# With fewer samples the intervals of the indices are too wide to be useful; the value is a rough choice.
+# With fewer samples the intervals of the indices are too wide to be useful; the value is arbitrary.
 FEWEST_BASE_SAMPLES = 64
 """Least number of base samples for Sobol indices by the direct method."""
 # A base sample takes one search for each input, and one more. The limit is well above 512 base samples, with which 95 %
 # intervals contained the true first-order indices of Ishigami's function for only 89 or 90 of 100 seeds.
 SENSITIVITY_SAMPLES = 4096
 """Largest number of base samples for Sobol indices by the direct method."""
-# This is one angle every 0.04° over the default range; the limit is a rough choice.
+# This is one angle every 0.04° over the default range; the limit is arbitrary.
 MOST_ANGLES = 2001
 """Largest number of angles of the probability curve."""
 

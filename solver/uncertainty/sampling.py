@@ -27,7 +27,7 @@ SCRAMBLINGS = 16
 # points.
 FIRST_POINTS, FEWEST_POINTS = 16, 4
 """Number of points of each scrambling in the first round: the usual number, and the least, for a large half width."""
-# The lower bound is the first round. The upper one is a rough choice, well below the 2**30 points of the sequence.
+# The lower bound is the first round. The upper one is arbitrary, well below the 2**30 points of the sequence.
 FEWEST_SAMPLES, MOST_SAMPLES = 256, 1_048_576
 """Bounds of the budget of samples."""
 # Coordinates of Sobol points have 30 bits and may be 0, where most distributions have no finite value. So half the
@@ -39,7 +39,7 @@ HALF_BIN = 2.0**-31
 UNSEEN = 1.5
 """Standard error of the probability of an event that no sample shows, times the number of samples. [1]"""
 # Computing every combination at every point is more accurate, but the cost is proportional to the number of
-# combinations. The value is a rough choice.
+# combinations. The value is arbitrary.
 MOST_ALTERNATIVES = 8
 """Largest number of combinations of discrete values with which all are computed at every point; with more, the values
 are sampled."""
@@ -172,7 +172,7 @@ class Sampling:
     def __post_init__(self) -> None:
         # A half width of 1e-4 takes a hundred million independent samples, more than the largest budget, and 0.5 is the
         # half width of the range from 0 to 1. With a confidence below one half, an interval is more often wrong than
-        # right; the upper bound of the confidence is a rough choice. Every JSON reader preserves integers up to 2**53.
+        # right; the upper bound of the confidence is arbitrary. Every JSON reader preserves integers up to 2**53.
         require_between("sampling.half_width", self.half_width, 1e-4, 0.5)
         require_between("sampling.confidence", self.confidence, 0.5, 0.9999)
         require_between("sampling.max_samples", self.max_samples, FEWEST_SAMPLES, MOST_SAMPLES)

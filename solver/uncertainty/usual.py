@@ -26,22 +26,22 @@ from solver.uncertainty.next_shot import RESIDUAL
 from solver.uncertainty.sampling import Uncertain
 from solver.uncertainty.strikes import THEORY
 
-# The coefficients of variation are rough choices.
+# The coefficients of variation are rough estimates.
 VELOCITY, DENSITY, MASS = 0.02, 0.02, 0.005
 """Coefficients of variation of velocity, density and mass. [1]"""
 # Dispersions are not known to more decimals, and longer numbers would only clutter the inputs that users see.
 DIGITS = 4
 """Number of decimals to which dispersions and scales are rounded."""
 # If S itself is outside the plausible range, its distribution must not be truncated close to its median. A factor of
-# two is a rough choice.
+# two is arbitrary.
 WITHIN = 0.5, 2.0
 """Range of the factor on S that truncation never removes. [1]"""
-# The standard deviation is a rough choice.
+# The standard deviation is a rough estimate.
 ATTACK = math.radians(1.0)
 """Standard deviation of the angle of attack. [rad]"""
 THEORY_LAWS: tuple[type[ElasticPlastic | MohrCoulomb], ...] = (ElasticPlastic, MohrCoulomb)
 """Decay laws from which the theory is selected if it is an uncertain input."""
-# The weights are rough choices; with equal weights the ends of the 90 % range of the paper's strike are at most 0.8°
+# The weights are a judgement; with equal weights the ends of the 90 % range of the paper's strike are at most 0.8°
 # lower. Elastic-plastic decay with eq. 9 gives the paper's angle. Mohr-Coulomb decay follows finite element motions
 # more closely, and its S(θ) was fitted to them. The law without decay neglects the free surface and serves for
 # comparison only.

@@ -20,8 +20,7 @@ HELD = "strength_held"
 # verdict includes the results of both.
 HELD_EARLIER = math.radians(55.0)
 """Smaller angle from which the S of eq. 9 may be held constant. [rad]"""
-# An effect that is small compared with the scatter should not distract from other warnings. A quarter is a rough
-# choice.
+# An effect that is small compared with the scatter should not distract from other warnings. A quarter is arbitrary.
 LITTLE_SHIFT = 0.25
 """Largest shift of the angle with which a warning is a standing note, relative to the width of the 90 % range. [1]"""
 MOVES = {
