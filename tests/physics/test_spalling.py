@@ -194,7 +194,7 @@ def test_warning_about_the_rear_face_states_the_formulas_for_the_strike(spalling
     assert found is not None
     assert detail(impact).endswith(
         f"against 238 m/s at 30° from the normal {found.count} formulas within their range require "
-        f"{1e3 * found.lowest:.0f} to {1e3 * found.highest:.0f} mm"
+        f"{math.ceil(1e3 * found.lowest)} to {math.ceil(1e3 * found.highest)} mm"
     )
     fast = replace(impact, velocity=1000.0)
     assert detail(fast).endswith("no formula is within its range for 1000 m/s at 30° from the normal")
