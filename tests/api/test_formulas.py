@@ -78,7 +78,7 @@ def test_answer_states_doubts_and_assumptions(client: httpx.Client) -> None:
     sphere = {"nose": {"shape": "spherical", "caliber_radius_head": 0.5}}
     answer = client.post("/formulas", json=BODY | {"projectile": BODY["projectile"] | sphere}).json()
     assert answer["nose_class"] == "hemispherical"
-    assert "1.0, the safe side" in rows_of(answer)["modified_ndrc"]["note"]
+    assert "1.0, on the safe side" in rows_of(answer)["modified_ndrc"]["note"]
 
 
 def test_spread_covers_the_formulas_in_range(client: httpx.Client) -> None:
