@@ -23,7 +23,9 @@ def test_report_uses_the_units_of_the_page(page: Page) -> None:
         page.get_by_role("button", name="Report", exact=True).click()
     report = opened.value
     expect(report).to_have_title(re.compile("Ricochet assessment, 780.8 ft/s, 5656 psi, 50°, 39.37 in"))
-    expect(report.locator(".design caption")).to_have_text("Design values of the wall [in]")
+    expect(report.locator(".design caption")).to_have_text(
+        "Design values of the wall [in], for the mean strength of 5656 psi"
+    )
     assert SI.findall(report.locator("main").inner_text()) == []
 
 
