@@ -3,7 +3,9 @@
 import re
 from collections.abc import Iterable
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, Union
+from functools import reduce
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 from pydantic import MISSING, AwareDatetime, BeforeValidator, Field, StringConstraints
 from typing_extensions import TypeAliasType
@@ -54,7 +56,7 @@ LISTED_OPERATIONS = sorted(OPERATIONS.values(), key=lambda each: (each.study is 
 
 def union_of(name: str, models: Iterable[type[Part]], description: str) -> Any:
     """Return a named union of models."""
-    union: Any = Union.__getitem__(tuple(models))
+    union: Any = reduce(or_, models)
     return TypeAliasType(name, Annotated[union, Field(description=description)])
 
 
