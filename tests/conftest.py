@@ -1,6 +1,7 @@
 """Fixtures that run a real service, shared by the tests because starting its workers takes time."""
 
 import os
+import signal
 import socket
 import ssl
 import subprocess
@@ -19,6 +20,8 @@ from hypothesis import HealthCheck, settings
 # The matrices of the tests are small, and BLAS threads that wait for work would occupy a core that another test could
 # use. The variable is read when numpy is imported, here and in each process that a test starts.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# A shell lets its background processes ignore SIGINT, and the commands that tests interrupt would inherit that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).parents[1]
 # The first start on a machine compiles the solver, which takes a minute on idle cores and several beside other tests.

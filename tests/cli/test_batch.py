@@ -290,8 +290,6 @@ def test_list_of_jobs_contains_all_pages(live_url: str, client: httpx.Client) ->
 def interrupted(folder: Path) -> Iterator[Any]:
     """Return a function that runs a command in a new process group, and sends SIGINT once it prints something."""
     started: list[subprocess.Popen[str]] = []
-    # The test process may ignore SIGINT, e.g. in the background, and commands that it starts would inherit that.
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def interrupt(*arguments: str, **settings: str) -> tuple[int, str, str]:
         with (folder / "err").open("w") as err, (folder / "out").open("w") as out:
@@ -312,7 +310,6 @@ def interrupted(folder: Path) -> Iterator[Any]:
         return status, (folder / "out").read_text(), (folder / "err").read_text()
 
     yield interrupt
-    signal.signal(signal.SIGINT, before)
     for process in started:
         process.kill()
         process.wait()

@@ -52,8 +52,6 @@ def pressed(folder: Path) -> Iterator[Callable[..., tuple[int, list[str]]]]:
     """Return a function that starts a command as a shell does, and sends SIGINT once a condition holds."""
     write_cases(folder / "cases.jsonl", *(case_at(200.0 + 0.01 * number) for number in range(5000)))
     (folder / "tests.csv").write_text(TESTS_CSV)
-    # The test process may ignore SIGINT, e.g. in the background, and commands that it starts would inherit that.
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     started: list[subprocess.Popen[str]] = []
 
     def press(words: str, claim: Callable[[int], bool]) -> tuple[int, list[str]]:
@@ -75,7 +73,6 @@ def pressed(folder: Path) -> Iterator[Callable[..., tuple[int, list[str]]]]:
         return process.wait(LIMIT_S), (folder / "err").read_text().splitlines()
 
     yield press
-    signal.signal(signal.SIGINT, before)
     for process in started:
         process.kill()
         process.wait()
