@@ -31,8 +31,9 @@ const RESULTS = [
 /** Return the pinned strikes of a query. */
 export const readPins = (query) => query.getAll("pin").slice(0, MOST_PINS).map((text) => readCase(new URLSearchParams(text)));
 
-/** Add pinned strikes to a query. */
+/** Set the pinned strikes of a query. */
 export function writePins(query, pins) {
+  query.delete("pin");
   for (const values of pins) query.append("pin", caseQuery(values));
   return query;
 }

@@ -64,6 +64,16 @@ def test_pinned_strike_is_compared_with_the_next_strike(page: Page, client: http
     expect(page.locator(".side-view .legend")).to_have_text(["This strike", "A"])
 
 
+def test_pinned_strike_stays_when_own_shots_are_entered(page: Page) -> None:
+    open_explore(page)
+    pin(page)
+    page.get_by_role("link", name="Enter own shots").click()
+    expect(page.get_by_label("Shots: speed, depth")).to_be_focused()
+    page.keyboard.insert_text("238, 323")
+    expect(page.get_by_role("region", name="Comparison")).to_contain_text("1 own shot:")
+    assert len(table(page)["Outcome"]) == 2
+
+
 def test_own_shots_are_compared_in_words_and_rounding_errors_as_zero(page: Page) -> None:
     own = "resistance.strength_factor.model=own_tests&resistance.strength_factor.shots="
     shots = '[{"velocity_m_s":250,"depth_m":0.012},{"velocity_m_s":300,"depth_m":0.015}]'

@@ -1,6 +1,6 @@
 // Explore: one strike, computed again whenever its fields change.
 
-import { address, caseOf, caseQuery, readAddress, readCase, replaceAddress } from "../address.js";
+import { address, caseQuery, readAddress, readCase, replaceAddress } from "../address.js";
 import { lawsFold } from "../alternatives.js";
 import { Compare, readPins, writePins } from "../compare.js";
 import { copyButtons } from "../copy-as.js";
@@ -67,7 +67,7 @@ class Explore {
     parts.side.addEventListener("pointermove", (event) => this.point(event));
     this.follower = new ResizeObserver(() => this.run && this.drawSide());
     this.follower.observe(parts.side);
-    parts.presets.addEventListener("click", ({ target }) => this.keepPins(target));
+    for (const links of [parts.presets, this.verdict.own]) links.addEventListener("click", ({ target }) => this.keepPins(target));
     if (query.has("enter")) this.form.enterShots();
     if (!this.form.isHeld) this.change(this.form.currentCase());
   }
@@ -174,7 +174,7 @@ class Explore {
 
   /** Keep the pinned strikes in a link to another case of this view. */
   keepPins(link) {
-    if (link.hash) link.hash = address("explore", writePins(caseOf(readAddress(link.hash).query), this.compare.cases));
+    if (link.hash) link.hash = address("explore", writePins(readAddress(link.hash).query, this.compare.cases));
   }
 
   showInstant(row) {
