@@ -28,6 +28,7 @@ const number = (path, si, extra) => fieldOf("number", path, si, extra);
 const OPTIONAL = { optional: true };
 const STEEL_KG_M3 = 7850;
 const LENGTH = "projectile.length_m";
+export const DIAMETER = "projectile.diameter_m";
 export const MASS = "projectile.mass_kg";
 /** Names of the concrete classes by characteristic cylinder strength [Pa], from EN 1992-1-1, table 3.1. */
 const CONCRETE_PA = Object.fromEntries(
@@ -40,7 +41,7 @@ function meanOfClass(values, characteristic) {
   return characteristic === undefined ? values : withValue(values, "target.compressive_strength_pa", characteristic + MEAN_ABOVE_PA);
 }
 
-const isSphere = ({ projectile }) => projectile?.nose.shape === "sphere";
+export const isSphere = ({ projectile }) => projectile?.nose.shape === "sphere";
 
 /** Return the mass of a solid body of steel with three digits [kg]. */
 const steelMass = ({ projectile }) => Number((STEEL_KG_M3 * solidVolume(projectile)).toPrecision(3));
@@ -69,7 +70,7 @@ export const GROUPS = [
       number("projectile.nose.caliber_radius_head"),
       number("projectile.nose.length_to_diameter"),
       fieldOf("numbers", "projectile.nose.points", "mm", { pairs: true, note: "one pair on each line" }),
-      number("projectile.diameter_m", "mm"),
+      number(DIAMETER, "mm"),
       number(LENGTH, "mm"),
       number(MASS, "kg", { fill: { name: "Steel", of: steelMass } }),
       number("projectile.center_of_gravity_m", "mm", OPTIONAL),

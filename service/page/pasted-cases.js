@@ -3,7 +3,7 @@
 import { readParameter } from "./address.js";
 import { angleRequest, trajectoryRequest, withValue } from "./case.js";
 import { nodeAt } from "./contract.js";
-import { numericFields } from "./fields.js";
+import { numericFields, withSphere } from "./fields.js";
 
 const PARTS = ["", "impact.", "projectile.", "projectile.nose.", "target."]; // tried in this order for a header that is only the last name of a field
 const ID = "custom_id";
@@ -24,7 +24,7 @@ export function casesOf(text, base, operation) {
     if (cells.length !== header.length) throw new Error(`Case ${i + 1} has ${cells.length} cells, the header ${header.length}.`);
     const values = paths.reduce((given, path, column) => (cells[column] ? withCell(given, path, cells[column], i) : given), base);
     const { [ID]: id, ...rest } = values;
-    return { ...REQUESTS[operation](rest), ...(id && { [ID]: id }) };
+    return { ...REQUESTS[operation](withSphere(rest, rest)), ...(id && { [ID]: id }) };
   });
 }
 

@@ -3,7 +3,7 @@
 import { caseQuery, readCase } from "./address.js";
 import { angleRequest, trajectoryRequest, valueAt, withValue } from "./case.js";
 import { paperCase } from "./contract.js";
-import { boundsOf, fieldAt } from "./fields.js";
+import { DIAMETER, boundsOf, fieldAt, isSphere } from "./fields.js";
 
 /**
  * Operations that a map can show, with the `path` and the `base` of their sweeps. `most` limits the values of an axis; the default is 100,
@@ -117,9 +117,8 @@ export const hasAngle = ({ operation }) => operation !== "cra";
 
 /** Return whether a field can be on an axis of a map: a search for the critical angle has no oblique angle to vary. */
 export function isVariable(map, field) {
-  const [part] = field.split(".");
-  if (map.operation === "thickness" && field === THICKNESS) return false; // this is the result
-  return hasAngle(map) ? part !== "search" : field !== ANGLE;
+  const fixed = [map.operation === "thickness" && THICKNESS, isSphere(map.values) && DIAMETER]; // the result; a sphere's length would have to vary too
+  return !fixed.includes(field) && (hasAngle(map) ? !field.startsWith("search.") : field !== ANGLE);
 }
 
 /** Return the values of an axis, both ends included. */

@@ -57,6 +57,18 @@ def test_invalid_cell_of_a_table_is_named(page: Page, faults: list[str], table: 
     faults[:] = [fault for fault in faults if "422" not in fault]
 
 
+def test_length_of_a_pasted_sphere_follows_its_diameter(page: Page) -> None:
+    sphere = "projectile.nose.shape=sphere&projectile.diameter_m=0.02&projectile.mass_kg=0.0329"
+    page.goto(f"/#/jobs?{sphere}")
+    page.get_by_label("Cases, pasted or dropped as CSV").fill("diameter_m\n0.02\n0.03")
+    with page.expect_response(lambda response: response.url.endswith("/trajectory/batch")) as response:
+        page.get_by_role("button", name="Compute").click()
+    content = response.value.request.post_data_json
+    assert content is not None
+    assert [case["projectile"]["length_m"] for case in content["cases"]] == [0.02, 0.03]
+    assert response.value.ok
+
+
 def test_cases_of_a_dropped_table_are_completed_from_the_current_case(page: Page, client: httpx.Client) -> None:
     page.goto("/#/jobs?projectile.mass_kg=15")
     expect(page.get_by_role("button", name="Compute")).to_be_visible()

@@ -506,6 +506,14 @@ def test_large_map_appears_on_a_coarse_grid_first(page: Page) -> None:
     assert fine[-1][-1] == pytest.approx(coarse[-1][-1], abs=1.0)
 
 
+def test_diameter_of_a_sphere_is_no_axis(page: Page) -> None:
+    """Its length would have to vary with it, and a sweep varies each field by itself."""
+    page.goto("/#/map?projectile.nose.shape=sphere&projectile.diameter_m=0.02&projectile.mass_kg=0.0329")
+    fields = page.get_by_role("group", name="Horizontal axis").get_by_label("Field")
+    expect(fields.locator("option", has_text="Mass [kg]")).to_have_count(1)
+    expect(fields.locator("option", has_text="Diameter [mm]")).to_have_count(0)
+
+
 def test_contour_lines_have_levels_of_the_quantity_that_is_drawn(page: Page) -> None:
     run_map(page, "x=impact.velocity_m_s,140,330,3&y=target.compressive_strength_pa,23e6,55e6,3", 9)
     expect(page.locator(".map .contourlabels text").first).to_be_visible()
@@ -514,8 +522,8 @@ def test_contour_lines_have_levels_of_the_quantity_that_is_drawn(page: Page) -> 
     # The least of the thicknesses is greater than all angles of the map before [mm].
     drawn = page.wait_for_function(
         """() => {
-            const lines = document.querySelector(".map .drawing")._fullData?.find(({ type }) => type === "contour");
-            const values = lines?.visible === true ? lines.z.flatMap((row) => [...row]) : [0];
+            const lines = document.querySelector(".map .drawing").data?.find(({ type }) => type === "contour");
+            const values = lines?.z.flatMap((row) => [...row]) ?? [0];
             const { start, end, size } = lines?.contours ?? {};
             return Math.min(...values) > 66 && [start, end, size, Math.min(...values), Math.max(...values)];
         }"""
