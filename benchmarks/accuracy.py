@@ -64,7 +64,7 @@ class Comparison:
     doubts: list[str]
     """Codes of the warnings of the answer that are in `DOUBTS`."""
     wrong_deg: list[float] | None = None
-    """For walls, angles of the scan whose outcome differs from the one that the answer gives for them. [°]"""
+    """Angles of the scan of a wall whose outcome differs from the one that the answer gives for them. [°]"""
     confirmed: bool | None = None
     """Whether a converged run is a ricochet 0.02° above the angle and none 0.04° below it; None if not tested."""
     cpu_s: float

@@ -294,7 +294,7 @@ def unseen_series(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coverage:
-    """How often the 90 % interval contains shots of an unseen series, given some other shots of that series."""
+    """Shares of the shots of unseen series that are in the 90 % interval, given some other shots of the same series."""
 
     shots_given: int
     series: int

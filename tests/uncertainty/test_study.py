@@ -68,7 +68,7 @@ def test_samples_correct_a_surrogate_with_a_persistent_error(half_width: float) 
 
 
 def test_counting_replaces_a_less_exact_surrogate() -> None:
-    """For a function with steps in one input, the surrogate is too inexact for a half width of 0.01."""
+    """The surrogate of a function with steps in one input is too inexact for a half width of 0.01."""
 
     class Stairs(Linear):
         distributions = (Uniform(lower=-1.0, upper=1.0),)
