@@ -78,8 +78,8 @@ def _arc_ratio(t: FloatArray) -> FloatArray:
     return np.arccos(c) / np.sqrt(1.0 - c)
 
 
-# These are the lowest degrees with errors of at most 1e-10 and 1e-8, both below the error of the decay polynomials,
-# 1e-7.
+# These are the lowest degrees with errors of at most 1e-10 and 1e-8, both below the largest error of the decay
+# polynomials, 2e-7 (`solver.free_surface`).
 SINE = tuple(float(c) for c in fit(_sine_ratio, 5))
 ARC = tuple(float(c) for c in fit(_arc_ratio, 8))
 SINE_SCALE = 8.0 / math.pi**2

@@ -59,7 +59,7 @@ class Cancellation:
 
         answer = cancellation.run(critical_angle, projectile=projectile, target=target, velocity=238.0)
 
-    In another thread; the first one then raises `CancelledError` within a step::
+    In another thread, to make the first one raise `CancelledError` within a step::
 
         cancellation.cancel()
     """

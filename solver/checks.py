@@ -24,7 +24,7 @@ Row = TypeVar("Row")
 
 
 class RicochetError(Exception):
-    """Base class of the errors that the solver raises."""
+    """Base class of the errors about the inputs and the integration of a case."""
 
 
 class ParameterError(RicochetError, ValueError):

@@ -71,7 +71,6 @@ def _can_write(folder: Path) -> bool:
 
 
 def _has_code(folder: Path) -> bool:
-    """Return whether a folder is readable and holds compiled code."""
     try:
         return any(folder.glob("*.nbi"))
     except OSError:  # no permission, or a name that is too long
@@ -376,8 +375,6 @@ def _numba() -> ModuleType:
         return numba.typeof(function.dispatcher)
 
     class Announcement(event.Listener):  # type: ignore[name-defined,misc]
-        """Listener that announces the beginning of each compilation of a solver function."""
-
         def on_start(self, event: Any) -> None:
             function = event.data["dispatcher"].py_func
             for each in FUNCTIONS:

@@ -120,7 +120,7 @@ class Warned(Protocol):
 
     @property
     def standing(self) -> bool:
-        """True if most answers have the warning."""
+        """True for a standing note, such as a warning that most answers have."""
 
 
 def line(answer: object, *parts: str) -> str:

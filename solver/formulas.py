@@ -4,7 +4,7 @@ The formulas give the depth in thick concrete, and the thicknesses below which t
 it is perforated. They were fitted to different tests and differ by 50 % and more, so their spread says more than any
 single result. No formula includes an angle; as is common practice, the normal component of the velocity represents an
 oblique strike. Some formulas were fitted to flat noses and have no factor for others. Their sources do not state the
-error for pointed noses, so such noses count as out of range.
+error for other noses, so these count as out of range.
 """
 
 import math
@@ -100,9 +100,9 @@ class FormulaResult:
 
 
 Limit: TypeAlias = Literal["penetration_depth", "scabbing_thickness", "perforation_thickness"]
-"""Quantity that a formula gives."""
+"""Depth or thickness that a formula gives."""
 LIMITS: tuple[Limit, ...] = get_args(Limit)
-"""All quantities that formulas give."""
+"""All depths and thicknesses that formulas give."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -648,6 +648,7 @@ def _not_flat(projectile: Projectile) -> tuple[OutOfRange, ...]:
     return () if nose == "flat" else (OutOfRange("projectile.nose", f"fitted to flat noses, here {nose}"),)
 
 
+# Whiffen's largest speed, 1,127.8 m/s, has the most digits.
 BOUND_DIGITS = 5
 """Largest number of significant digits of the bounds of a formula's range. [1]"""
 # A bound may have only two digits, such as 18 diameters. With two digits, 19.58 would be shown as 20.

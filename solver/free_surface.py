@@ -12,7 +12,8 @@ so a static wall pressure P and an inertia coefficient Q define a decay law.
 The compiled code evaluates P / P(0) and Q as polynomials, with different ones on either side of a corner. The corner is
 the ratio k at which the plastic zone first reaches the face. For larger k an outer shell stays elastic, and P and Q are
 exactly polynomials of degree four in 1/k. Nearer to the face they are smooth functions of ``x = (k - a) / (k + a)``,
-with a the square root of k at the corner, and polynomials in x approximate them to 1e-7.
+with a the square root of k at the corner, and polynomials in x approximate them. For concretes of 13 to 108 MPa with
+the default Young's modulus the errors are at most 2e-7 of P / P(0) and 2e-5 of Q.
 """
 
 import math
@@ -199,8 +200,9 @@ def _plastic_ratio(target: Target, least_modulus: float) -> float:
     return float((target.elastic_modulus / least_modulus) ** (1.0 / 3.0))
 
 
-# Degree 12 approximates the decay laws to 1e-7. With a multiple of four, terms are summed in groups of four (Estrin's
-# scheme), which takes a third of the time of Horner's scheme, where each term waits for the previous one.
+# Degree 12 gives the errors that the docstring of this module states. With a multiple of four, terms are summed in
+# groups of four (Estrin's scheme), which takes a third of the time of Horner's scheme, where each term waits for the
+# previous one.
 DEGREE = 12
 """Degree of the decay polynomials for k below the corner, where the plastic zone reaches the face."""
 # Above the corner the laws are exactly polynomials of degree four in 1/k.

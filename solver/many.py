@@ -262,7 +262,7 @@ class Answers(Sequence[Answer | RicochetError]):
         self._pending = self._begin()
 
     def _begin(self) -> Generator[Answer | RicochetError, None, None]:
-        """Yield the answers that have not been computed yet."""
+        """Yield the answers that have not been kept yet."""
         return _run(self._function, islice(self._cases(), len(self._kept), None), self._threads)
 
     def _cases(self) -> Iterator[dict[str, Any]]:

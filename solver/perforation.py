@@ -170,12 +170,12 @@ def least_thickness(
     ----------
     projectile
         Projectile that strikes the wall.
+    target
+        Concrete, without a thickness.
     impact
         Motion of the projectile at first contact.
     velocity, oblique_angle, angle_of_attack, angular_velocity
         Fields of the impact, in place of `impact`. [m/s, rad, rad, rad/s]
-    target
-        Concrete, without a thickness.
     resistance
         Resistance of the target; by default the strength factor of eq. 9 with elastic-plastic decay.
     numerics

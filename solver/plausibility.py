@@ -114,7 +114,6 @@ def check_walls(
             implausible(f"{quantity(walls[-1][0], 'm')} are perforated, and {quantity(most, 'm')} use up its energy"),
         )
     rises = (after.speed - before.speed for (_, before), (_, after) in itertools.pairwise(walls))
-    # The exit speed is known to fall with the thickness in head-on strikes only.
     if _is_head_on(impact) and max(rises, default=0.0) > MOST_RISE * impact.velocity:
         return (implausible("the projectile leaves a thicker wall faster than a thinner one"),)
     return ()

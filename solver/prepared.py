@@ -321,9 +321,9 @@ def final_tip_depth(run: Run, body: Body, time: float) -> float:
 
 
 def positions_at(run: Run, steps: FloatArray, times: FloatArray) -> FloatArray:
-    """Return the (n, 3) depth, lateral position and axis angle at sorted `times`.
+    """Return the (n, 3) depth, lateral position and axis angle at sorted `times`. [m, m, rad]
 
-    After the end of the run the projectile flies freely if it was released; otherwise it stays in place. [m, m, rad]
+    After the end of the run the projectile flies freely if it was released; otherwise it stays in place.
     """
     inside = int(np.searchsorted(times, run.time, side="right")) if len(steps) else 0
     flight = times[inside:, None] - run.time if run.end in RELEASED else 0.0

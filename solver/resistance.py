@@ -35,7 +35,7 @@ FIELD = "resistance.strength_factor"
 # A covariance that is given with six or seven digits is symmetric and positive semidefinite to about this tolerance.
 ROUNDING = 1e-6
 """Tolerance of the checks that a correlation matrix is symmetric and positive semidefinite. [1]"""
-# With this number of points, the trapezoidal rule gives the S of a measured depth with an error of 1e-5.
+# With this number of points, the trapezoidal rule gives an S within `PLAUSIBLE_FACTORS` with an error of at most 1e-5.
 PATH_POINTS = 401
 """Number of points on each smooth part of the path on which the nose enters the target."""
 # In the default range of 80° the angles are a tenth of a degree apart, which is close enough for the end of a search.
@@ -586,7 +586,6 @@ class OwnTests:
 def _posterior(
     law: OwnTests, target: Target, projectile: Projectile, inertia_factor: float, crater: Crater | None
 ) -> StrengthPosterior:
-    """Compute the posterior of S from own tests; see `OwnTests.posterior`."""
     prior = PublishedTests(obliquity_shape="constant").polynomial(target=target, projectile=projectile)[0]
     exponent = PublishedTests.law.diameter_exponent
 

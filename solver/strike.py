@@ -96,8 +96,8 @@ class Numerics:
         Time step of the panel method; 0.01 ms as in the paper unless given. [s]
     relative_tolerance
         Error of one step of the adaptive method, relative to the scale of the motion. Unless given, it is 3e-7 for a
-        trajectory, whose energy then balances to 1e-6, and 3e-4 for a search, which uses a finer level where the angle
-        is in doubt. [1]
+        trajectory, whose energy then balances to 1e-6; 3e-5 in a search for perforation; and 3e-4 in a search for the
+        critical angle, which uses a finer level where the angle is in doubt. [1]
     stations
         Number of Gauss-Legendre points of the adaptive method along a stretch of the outline. Unless given, 12 for a
         trajectory and 8 for a search. [1]
@@ -128,9 +128,9 @@ class Numerics:
         require(self.method in (None, "adaptive", "panels"), "numerics.method", "must be 'adaptive' or 'panels'")
         if self.termination_time is not None:
             require_positive("numerics.termination_time", self.termination_time)
-        # The lower bounds of stations and points are the values of the coarsest level of a search. The upper bound of
-        # 256 stations is the largest number whose rings fit into a batch, see `ROOM` in `solver.surface_integration`.
-        # The other bounds are arbitrary, and far from the defaults.
+        # The lower bounds of stations and points are the values of the coarsest level of a search. The rings of a
+        # stretch with the most stations, 256, fit into a batch, see `ROOM` in `solver.surface_integration`. The other
+        # bounds are arbitrary, and far from the defaults.
         require_between("numerics.panels", self.panels, 100, 1_000_000)
         require_positive("numerics.time_step", self.time_step)
         if self.relative_tolerance is not None:

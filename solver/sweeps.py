@@ -256,6 +256,7 @@ class _Grid:
         found = []
         for values in itertools.product(*self._values):
             parts = dict(self._parts)
+            # An object is replaced before its own fields, which may be axes too.
             for field, value in sorted(zip(self.fields, values, strict=True), key=lambda each: each[0].count(".")):
                 name, *path = field.split(".")
                 parts[name] = put(parts[name], path, value)
@@ -438,7 +439,6 @@ def alternative_resistances(resistance: Resistance = EQUATION_9) -> tuple[Resist
 
 
 def _strength_laws(decay: FreeSurface) -> tuple[StrengthFactor, ...]:
-    """Return the laws of S to combine with a decay law."""
     first, *others = (law() for law in STRENGTH_LAWS)
     own = () if isinstance(decay, NoFreeSurface) else (FINITE_ELEMENT_LAW,)
     return (first, *own, *others)

@@ -120,8 +120,7 @@ def integrate_fixed(
         was_loaded, loaded = loaded, accelerate(work.trial, model, work.scratch, work.end)
         before, energy = energy, kinetic_energy(work.trial, body) - lasting
         # The panel method applies the full static stress at any velocity, so near rest the load changes sign from step
-        # to step, and adds energy to the body. A step that gains energy counts as rest if so little energy is left that
-        # the load could stop the body within one step.
+        # to step, and adds energy to the body.
         enough = min(_impulse_energy(work.end, step, body), UNRESOLVED_ENERGY * initial_energy)
         if before < energy < enough:
             return Termination.REST.value, time, deepest, index, 4 * index, gain
@@ -335,7 +334,7 @@ def _size(error: FloatArray, scale: FloatArray) -> float:
 # Usual runs take tens to hundreds of steps. Only runs with a stiff phase, at tolerances of 1e-8 and below, have reached
 # this limit.
 STEP_LIMIT = 100_000
-"""Largest number of steps tried in one run."""
+"""Largest number of steps tried in one run of the adaptive method."""
 # The first step is short, because the step control has no history yet. The largest step prevents steps from passing
 # over the kinks of nose entry; a quarter is arbitrary. Below the smallest step, near the rounding error of time, a
 # run counts as diverged.

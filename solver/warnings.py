@@ -273,7 +273,7 @@ def _rear_face(*, projectile: Projectile, target: Target, resistance: Resistance
     strike = f"{quantity(impact.velocity, 'm/s')} at {oblique_angle:.4g}° from the normal"
     answers = formulas(projectile=projectile, target=target, impact=impact)
     if required := spread(answers, "perforation_thickness"):
-        # Rounded up, as in the design values: to be on the safe side.
+        # The thicknesses are rounded up, as in the design values, to be on the safe side.
         thicknesses = [rounded(each, "mm", math.ceil) for each in sorted({required.lowest, required.highest})]
         by = "formula within its range requires" if required.count == 1 else "formulas within their range require"
         needed = with_symbol(" to ".join(dict.fromkeys(thicknesses)), "mm")
@@ -355,7 +355,6 @@ def own_tests_apart(posterior: StrengthPosterior) -> tuple[ModelWarning, ...]:
 
 
 def _own_tests_deeper_than_wall(tests: OwnTests, target: Target) -> tuple[ModelWarning, ...]:
-    """Warn about shots of `OwnTests` that went deeper than the wall is thick."""
     if target.thickness is None:
         return ()
     deeper = [number for number, shot in enumerate(tests.shots, start=1) if shot.depth >= target.thickness]
@@ -373,7 +372,6 @@ def _own_tests_deeper_than_wall(tests: OwnTests, target: Target) -> tuple[ModelW
 
 
 def _beyond_published_tests(projectile: Projectile, target: Target, velocity: float) -> tuple[ModelWarning, ...]:
-    """Warn about a strike outside the range of the tests to which the law was fitted."""
     limits = (
         ("compressive strength", target.compressive_strength, PublishedTests.compressive_strengths, "MPa"),
         ("diameter", projectile.diameter, PublishedTests.diameters, "mm"),

@@ -102,7 +102,6 @@ def _best(laws: Mapping[str, MotionsFit | None]) -> str:
 
 
 def _other_law_warnings(requested: MotionsFit, laws: Mapping[str, MotionsFit | None]) -> list[ModelWarning]:
-    """Return a warning if another law fits much better than the requested one."""
     name = _best(laws)
     best = laws[name]
     if best is None or best.normalized_root_mean_square >= BETTER * requested.normalized_root_mean_square:

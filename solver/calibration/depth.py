@@ -118,7 +118,6 @@ class _Shots:
         self.shots: dict[float, PreparedCase] = {}
 
     def run(self, velocity: float, mass: float | None, strength_factor: float) -> Run:
-        """Integrate one normal impact with a given strength factor."""
         key = self.projectile.mass if mass is None else mass
         if key not in self.shots:
             self.shots[key] = prepare(
@@ -133,7 +132,6 @@ class _Shots:
         return run
 
     def runs(self, tests: Sequence[DepthTest], strength_factor: float) -> list[Run]:
-        """Integrate the impacts of several tests, in their order."""
         return [self.run(test.velocity, test.mass, strength_factor) for test in tests]
 
     def depths(self, tests: Sequence[DepthTest], strength_factor: float) -> FloatArray:
@@ -276,7 +274,6 @@ def _check(tests: Sequence[DepthTest], target: Target) -> None:
 
 
 def _fit(tests: Sequence[DepthTest], shots: _Shots, confidence_level: float) -> DepthFit:
-    """Fit a common strength factor to the given tests."""
     measured = np.array([test.depth for test in tests])
     weights = np.array([test.weight for test in tests])
     roots = np.sqrt(weights / weights.mean())
@@ -334,7 +331,6 @@ def _estimate(best: float, misses: FloatArray, slope: FloatArray, confidence_lev
 
 
 def _posterior(tests: Sequence[DepthTest], shots: _Shots) -> StrengthPosterior:
-    """Return the posterior of S, given the depths of tests."""
     own = [Shot(velocity=test.velocity, depth=test.depth, mass=test.mass) for test in tests]
     try:
         return OwnTests(shots=tuple(own)).posterior(

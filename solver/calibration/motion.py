@@ -123,7 +123,6 @@ class _Run:
         return dict(zip(QUANTITIES, np.split(slope, len(QUANTITIES)), strict=True))
 
     def at(self, estimate: Estimate, rivals: Sequence[float] = ()) -> MotionFit:
-        """Return the fit of this run at an estimate of the strength factor."""
         predicted = self.strike.columns(estimate.strength_factor)
         residuals = {q: values - predicted[q] for q, values in self.given.columns.items()}
         explained = _explained(self.given, residuals)
@@ -139,7 +138,6 @@ class _Run:
         )
 
     def input_warnings(self) -> tuple[ModelWarning, ...]:
-        """Return the warnings about the inputs, which do not depend on the fit."""
         return tuple(
             model_warnings.input_warnings(
                 projectile=self.strike.prepared.projectile,
@@ -377,7 +375,6 @@ def _explained(history: MotionHistory, residuals: dict[str, FloatArray]) -> dict
 def _common_warnings(
     runs: Sequence[_Run], fits: Sequence[MotionFit], alone: Sequence[MotionFit | None], rivals: Sequence[float]
 ) -> tuple[ModelWarning, ...]:
-    """Return the warnings about a fit of several runs, without repetitions."""
     found = [warning for run in runs for warning in run.input_warnings()]
     for run, fit, own in zip(runs, fits, alone, strict=True):
         where = f" of the run at {math.degrees(run.impact.oblique_angle):g}° and {run.impact.velocity:g} m/s"

@@ -13,7 +13,7 @@ from solver.display import DataFrame
 from solver.resistance import ObliquityPolynomial
 from solver.warnings import ModelWarning
 
-# Published values lie between 5 and 22, so a fit below 0.5 or above 50 indicates a wrong input.
+# Measured values lie between 2.3 and 30, so a fit below 0.5 or above 50 indicates a wrong input.
 LOWEST, HIGHEST = 0.5, 50.0
 """Range of strength factors in a fit. [1]"""
 # A minimum this close to an end of the range is not a true minimum: the sum of squares still decreases there.
@@ -28,13 +28,13 @@ FIT_TOLERANCE = 1e-6
 # A fit that starts near the minimum takes a few evaluations. It reaches this limit only if the sum of squares is not
 # smooth.
 MOST_STEPS = 50
-"""Largest number of evaluations of the residuals in a fit."""
+"""Largest number of evaluations of the residuals in a fit, not counting those for their derivatives."""
 # This tolerance is enough to compare local minima; the fit itself then starts from the deepest one.
 ROUGHLY = 1e-3
 """Tolerance of ln S in the comparison of local minima. [ln]"""
-# The square of a smaller slope may underflow, and the normal equation would divide by zero.
+# The square of a far smaller slope underflows, and the normal equation would divide by zero.
 SMALLEST_SLOPE = 1e-30
-"""Largest absolute derivative of a residual with respect to ln S, above which the residuals determine S."""
+"""Least absolute derivative with respect to ln S that one of the residuals must exceed for them to determine S."""
 # The deepest minimum on the coarse grid need not be the deepest of all. Three is arbitrary.
 REFINED = 3
 """Largest number of local minima that are compared before a fit."""

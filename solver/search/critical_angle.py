@@ -243,7 +243,7 @@ def _scan(search: Search) -> FloatArray:
     # Without the factor, rounding could add an angle to a range that is a whole number of intervals.
     count = math.ceil((upper - lower) / search.scan_interval * (1.0 - 1e-12)) + 1
     begin, width = math.degrees(lower), math.degrees(upper - lower) / max(count - 1, 1)
-    between = (math.radians(round(begin + i * width, 9)) for i in range(1, count - 1))  # few digits in degrees
+    between = (math.radians(round(begin + i * width, 9)) for i in range(1, count - 1))  # with few digits in degrees
     return np.array([lower, *between, upper])
 
 

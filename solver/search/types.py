@@ -168,7 +168,8 @@ class CriticalAngle:
     own_tests: StrengthPosterior | None = None
     """Posterior of S from shots into the same concrete; None without such shots, or without an angle."""
     exit: Exit | None = None
-    """State of the projectile as it leaves the target at the critical angle; None without an angle."""
+    """State of the projectile as it leaves the target at the critical angle. None without an angle, or if the trial at
+    the angle stays in the target, as it may in the paper's searches."""
     outcomes: tuple[OutcomeInterval, ...] = ()
     """Intervals of one outcome each over the whole range, in order; empty unless the target has a thickness and the
     search is by outcome."""
