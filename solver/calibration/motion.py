@@ -29,12 +29,12 @@ from solver.strike import Impact, Numerics
 from solver.target import Target
 from solver.warnings import ModelWarning
 
-# With this tolerance motions are accurate to micrometres and thousandths of a degree, so central differences with
-# respect to S are smooth.
+# With this tolerance motions are accurate to less than a tenth of a millimetre and to some thousandths of a degree, and
+# their derivatives with respect to S to 1 %.
 FIT_TOLERANCE = 1e-6
 """Default relative tolerance of the runs of a fit. [1]"""
-# With these settings motions are accurate to a tenth of a millimetre. This is enough to find the local minima, and
-# takes a fraction of the time.
+# With these settings motions are accurate to 0.2 mm and 0.1°. This is enough to find the local minima, and takes a
+# fraction of the time.
 ROUGH = Numerics(relative_tolerance=1e-3, stations=5, points=3)
 """Numerical settings of the runs that find local minima before the fit."""
 # The outcome may change with S, and each outcome may have its own minimum of the sum of squares. With 41 values,
