@@ -4,9 +4,8 @@ The solver computes in SI. Code that composes a text passes each value with the 
 as ``mm`` for a thickness. The functions of this module format the value in that unit or in its US counterpart,
 depending on the system that `written_in` has set.
 
-The message of an error is different where no system is set: it is about a number that somebody has given, and has the
-coherent unit of that number, such as m. An error therefore carries its quantities as `Amount`, and they are formatted
-when its message is read.
+Where no system is set, the message of an error shows numbers in the coherent units in which the inputs were given, such
+as m. An error therefore carries its quantities as `Amount`, and they are formatted when its message is read.
 """
 
 import math
