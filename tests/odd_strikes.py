@@ -25,8 +25,8 @@ LAWS: tuple[dict[str, Any], ...] = (
 def odd_strikes(count: int, seed: int) -> list[dict[str, Any]]:
     """Return `count` random strikes, taking the kinds in turn.
 
-    The velocity is 40 to 900 m/s, the angle of attack -4 to 4°, the strength 15 to 90 MPa, and the diameter 15 to
-    250 mm. Noses are ogival, conical, spherical or flat.
+    The velocity is 40 to 900 m/s, the strength 15 to 90 MPa, and the diameter 15 to 250 mm. The angle of attack is 0
+    in two of three strikes, otherwise -4 to 4°. Bodies are spheres, or have an ogival, conical, spherical or flat nose.
     """
     random = np.random.default_rng(seed)
     return [_strike(random, KINDS[index % len(KINDS)]) for index in range(count)]

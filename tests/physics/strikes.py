@@ -122,7 +122,6 @@ def known(value: Value | None) -> Value:
 
 
 def codes(answer: Any) -> set[str]:
-    """Return the codes of the warnings of an answer."""
     return {warning.code for warning in answer.warnings}
 
 

@@ -107,7 +107,7 @@ def test_flat_face_is_the_limit_of_cones_at_an_oblique_angle(angle: float) -> No
 
 
 def test_walls_of_a_flat_body_are_finite_and_monotone() -> None:
-    """Least thickness rises with speed, limit speed with thickness; thicker walls are perforated at fewer angles."""
+    """Least thickness rises with speed, limit speed with thickness; no thicker wall is perforated at more angles."""
     speeds = [60.0, 100.0, 150.0, 238.0, 350.0, 500.0]
     walls, beyond = [], []
     for speed in speeds:
@@ -153,7 +153,7 @@ def steel_strikes(count: int, seed: int) -> Iterator[tuple[Projectile, Target, I
 
 
 def test_least_thickness_slightly_exceeds_the_depth() -> None:
-    """The least thickness is at most 2.5 diameters more than the depth in a half-space."""
+    """The least thickness is at most 2.5 diameters more than the depth in a half-space, within 1 %."""
     for projectile, target, impact in steel_strikes(300, 11):
         strike: dict[str, Any] = {"projectile": projectile, "target": target, "impact": impact}
         wall = least_thickness(**strike, tolerance=1e-2)

@@ -63,8 +63,8 @@ ROWS = [
     (40.0, Outcome.PERFORATED, 45.4, 33.6, 30.5, 42.5, 0.036),
     (52.0, Outcome.RICOCHET, 101.1, -33.2, 95.5, 100.1, 0.182),
 ]
-"""Angle, outcome, exit speed, its components, axis angle and energy left over initial energy, by that program.
-[°, m/s, °, 1]"""
+"""Angle, outcome, exit speed, its components, axis angle and energy left over initial energy, by the
+independent program. [°, m/s, °, 1]"""
 IN_ITS_HOLE = {20.0, 40.0}
 """Angles at which the shank stops moving sideways in its hole and slides on along its axis. The load then
 changes sign within every fixed step, which slowly turns the axis back, in proportion to the step: by 3° at 10 µs and by

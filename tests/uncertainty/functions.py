@@ -46,7 +46,7 @@ class Ishigami:
     deviation = math.sqrt(variance)
     first_order = np.array([alone, second, 0.0]) / variance
     total = np.array([alone + together, second, together]) / variance
-    tolerance = 2e-4  # The table below has this accuracy.
+    tolerance = 2e-4  # The sorted sample below gives the distribution with this accuracy.
 
     def __init__(self) -> None:
         x = math.pi * (2.0 * stats.qmc.Sobol(3, rng=5).random(2**18) - 1.0)
