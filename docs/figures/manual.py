@@ -263,7 +263,7 @@ def histories(axes: Axes) -> None:
 
 
 def danger_zone(axes: Axes) -> None:
-    """Draw a plan of the flight of the tutorial's fragment, with circles for the farthest range and without drag."""
+    """Draw a plan of the tutorial fragment's flight, with circles at its farthest range and its range without drag."""
     fragment = Projectile(nose=Spherical(caliber_radius_head=0.5), diameter=0.04, length=0.08, mass=0.65)
     slab = Target(compressive_strength=38e6, density=2400.0)
     impact = Impact(velocity=250.0, oblique_angle=math.radians(70.0))

@@ -87,7 +87,6 @@ def take(browser: Browser, address: str, width: int, theme: Literal["light", "da
 
 
 def main() -> None:
-    """Take all screenshots."""
     if executable() is None:
         raise SystemExit("no browser here: install Chromium")
     FOLDER.mkdir(parents=True, exist_ok=True)

@@ -54,7 +54,7 @@ class Target:
     def send(self, line: bytes, *headers: bytes, body: bytes = b"") -> tuple[int, bytes]:
         """Send a request; return the status of the answer (0 if there is none) and the raw answer.
 
-        `Connection: close` is added, and where they are needed `Host` and `Content-Length`.
+        Adds the header `Connection: close` and, where needed, `Host` and `Content-Length`.
         """
         head = [line, *([] if any(h.startswith(b"Host") for h in headers) else [b"Host: localhost"]), *headers]
         coded = any(header.startswith(b"Transfer-Encoding") for header in headers)

@@ -152,7 +152,7 @@ def plain(response: httpx.Response) -> str:
 
 
 def answers(client: httpx.Client) -> Iterator[tuple[str, str]]:
-    """Send the requests; yield name and answer."""
+    """Send the requests, then request one stored result of each path in every format; yield name and answer."""
     keys: dict[str, str] = {}
     for name, method, path, arguments in requests():
         response = client.request(method, path, **arguments)

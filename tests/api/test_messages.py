@@ -517,7 +517,7 @@ def test_messages_name_the_place_and_have_no_internal_names() -> None:
 
 @pytest.mark.parametrize("path", ["/trajectory", "/cra"])
 def test_case_in_a_batch_is_refused_like_a_single_one(client: httpx.Client, path: str) -> None:
-    """A case in a batch or JSON line is refused like a single one, with the index of the case before the pointer.
+    """The pointer to the error begins with the index of the case.
 
     Errors that only the solver detects do not refuse the batch, but become the result of the case.
     """

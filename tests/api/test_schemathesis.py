@@ -14,7 +14,8 @@ import pytest
 from service.schemas.strike import PAPER
 
 LONG = "^/calibration/|/uncertainty|^/thickness|^/limit-speed|^/report$"
-"""Paths tested separately: fits, studies, walls and reports take as long as twenty to a thousand other queries."""
+"""Paths left out of the general run, because each query takes as long as twenty to a thousand others: fits, studies,
+walls and the report. All of them but `/report` are tested separately."""
 METHODS = {"delete", "get", "head", "patch", "post", "put"}
 
 

@@ -245,7 +245,8 @@ def test_wall_is_judged_for_perforation_and_scabbing_as_in_the_verdict(client: h
     assert judged["scabbing"]["enough"] is judged["enough"] is False
     verdict = answered(client, "/verdict", body | {"search": {"lower_deg": 40.0, "tolerance_deg": 0.1}})
     assert verdict["wall"] == {name: judged[name] for name in ("enough", "perforation", "scabbing", "normal_impact")}
-    first, _, others = judged["sentence"].partition(". ")  # The sentences on the strike stand between them.
+    # In the verdict, the sentences on the strike stand between the first sentence on the wall and the others.
+    first, _, others = judged["sentence"].partition(". ")
     assert verdict["sentence"].startswith(f"{first}. ")
     assert verdict["sentence"].endswith(f" {others}")
     assert verdict["keys"]["wall"] == judged["key"]

@@ -1,4 +1,4 @@
-"""Batches whose cases are the rows of a CSV table."""
+"""Batches whose cases are the rows of a CSV table or an Excel workbook."""
 
 import csv
 import json

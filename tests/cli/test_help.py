@@ -1,4 +1,4 @@
-"""`--help` of every command avoids slow imports, and its examples work."""
+"""`--help` of the commands in `LIGHT` avoids slow imports, and the examples of most commands work."""
 
 import re
 import shlex
@@ -31,6 +31,7 @@ HEAVY = {
     "matplotlib",
 }
 LIGHT = [command.name for command in cli.COMMANDS if command.name not in {"uncertainty", "mcp", "calibrate"}]
+"""Commands whose help must not import any of the libraries in `HEAVY`."""
 ACTIONS = {
     "cache": ("stat", "verify", "rebuild", "evict"),
     "keys": ("add", "list", "revoke"),
@@ -79,7 +80,7 @@ def examples_of(text: str) -> list[list[str]]:
 
 
 def test_help_does_not_import_the_libraries_of_the_solver() -> None:
-    """One process prints the help of every command and, after each, the heavy libraries that are loaded by then."""
+    """One process prints each help and, after it, the heavy libraries that are loaded by then."""
     program = f"""
 import sys
 from service.cli import main

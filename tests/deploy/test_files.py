@@ -44,7 +44,6 @@ PROGRAM = re.compile(r"/(?:opt|usr/local)/(?:[\w.-]+/)*[\w.-]+")
 
 
 def analyze(verb: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run `systemd-analyze`; return its result."""
     if shutil.which("systemd-analyze") is None:
         pytest.skip("systemd-analyze is not there to check the unit")
     command = ["systemd-analyze", verb, *arguments]

@@ -135,7 +135,6 @@ class RestartableServer:
         return job
 
     def job(self, job: dict[str, Any]) -> dict[str, Any]:
-        """Return the current state of a job."""
         state: dict[str, Any] = self.client.get(job["links"]["self"]).raise_for_status().json()
         return state
 

@@ -51,7 +51,6 @@ PARTS: dict[type[Executor], int] = {InThreadExecutor: 256, ProcessPool: 16, Dask
 
 
 def operation_of(name: str) -> str:
-    """Return the operation of a study in `STUDIES`."""
     return name if name == STRIKE else "cra_uncertainty"
 
 

@@ -1,7 +1,7 @@
 """Example of a Python program that uses a client generated from the contract.
 
     openapi-python-client generate --path openapi/openapi.json --output-path ricochet_client --meta none \
-        --config tests/clients/python/config.yml
+        --config clients/python/config.yml
     PYTHONPATH=. python tests/clients/python/conversation.py http://127.0.0.1:8000
 """
 # mypy: ignore-errors
