@@ -76,7 +76,7 @@ export class CaseForm {
     shots.input.focus();
   }
 
-  /** Return whether the case has a value that differs from the paper's. */
+  /** Return whether the case has a value of a field that differs from the paper's. */
   isOther({ path }) {
     const [own, usual] = [this.values, paperCase()].map((values) => JSON.stringify(valueAt(values, path)));
     return own !== undefined && own !== usual;

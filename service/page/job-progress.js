@@ -5,7 +5,7 @@ import { isAbort, isLost, request } from "./service.js";
 import { digits, grouped } from "./words.js";
 
 const PAGE = 1000; // results requested at once
-const PAUSE_MS = 1000; // before a broken stream is reopened
+const PAUSE_MS = 1000; // pause before a broken stream is reopened
 
 /** Return whether a job has ended. */
 export const isFinal = (job) => !["accepted", "running"].includes(job.status);

@@ -41,7 +41,7 @@ export function readCell({ result, problem }) {
   if (!result) return { ending: "failed", warnings: [], detail: problem?.detail };
   return {
     ending: result.outcome === "embedded" && result.protrusion?.final_m ? OUT : (result.status ?? result.outcome ?? "converged"),
-    // The outcomes of a search on a wall are ranges of angles.
+    // Only searches have a status; their outcomes, on a wall, are ranges of angles instead of probabilities.
     probability: result.status ? undefined : result.outcomes && (result.outcomes.find(({ outcome }) => outcome === "ricochet")?.value ?? 0),
     angle: result.critical_angle_deg,
     depth: result.outcome && result.maximum_depth_m,
@@ -89,7 +89,7 @@ export function countWords(operation, cells) {
   return words.join(", ") + (warnings.length ? `; warnings of some: ${warnings.join(", ")}` : "");
 }
 
-/** Return the cells as CSV, in SI units. */
+/** Return the cells as CSV, in the units shown. */
 export function cellsCsv(operation, [x, y], cells) {
   const found = [...cells.keys()].filter((index) => cells[index]);
   const column = (value) => found.map((index) => value(cells[index]));

@@ -21,7 +21,7 @@ import { unitOf } from "./units.js";
 export class MapPicture {
   #map;
   #axes;
-  #content; // arguments of the latest `showCells`
+  #content; // arguments of `showCells`, each from the latest call that gave it
   #isDrawn = false; // whether cells of the map are drawn
   #isSame = true; // whether the inputs in the form are those of the map
 

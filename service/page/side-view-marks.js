@@ -11,7 +11,7 @@ const SWEPT = 48; // instants whose outlines together form the hole
 const THINNED = 20; // least number of outline points with which the hole uses only every fourth point of the nose
 const ARC_POINTS = 16;
 const LEAST_DEG = 0.05; // smaller angles of attack have no mark of their own
-/** Distances from the point of contact, in projectile lengths. */
+/** Distances of marks from the point of contact, and lengths of the arrows `exit` and `force`, in projectile lengths. */
 const RADII = { theta: 0.6, delta: 0.82, phi: 0.42, normal: 0.95, critical: 1.12, criticalBeside: 0.68, exit: 0.3, force: 0.45 };
 
 /** Return the concrete that the projectile passed through, as polygons separated by `null`. */

@@ -11,13 +11,13 @@ import { nice, rowAt } from "./run.js";
 import { unitOf } from "./units.js";
 import { digits, endingShown, lengthShown, quantityShown } from "./words.js";
 
-const OUTLINES = [6, 3]; // of a single run, and of each run in a comparison
-const SEGMENTS = 36; // of the first path, each in the colour of its speed
+const OUTLINES = [6, 3]; // number for a single run, and for each run in a comparison
+const SEGMENTS = 36; // parts of the first path, each in the colour of its speed
 const [NARROW, CAPTIONED] = [640, 490]; // px
 const NEAR = 2; // a rear face is in view if it is at less than this many times the greatest depth
 const GRID_M = 0.1; // the picture ends at multiples of this, so that it does not jitter while a slider moves
 const MARGIN = { left: 54, right: 12, top: 10, bottom: 38 }; // px
-const MOST_TICK_PX = 225; // largest distance between grid lines; the least is 90
+const MOST_TICK_PX = 225; // largest distance between grid lines; the least is 90, or less in a narrow picture
 const LINE_PX = 14;
 const LETTER_PX = 7;
 

@@ -62,7 +62,7 @@ export function unitOf(si) {
 /**
  * Read a number with a decimal point or comma and, if it has one, a unit: `250,5`, `5656 psi`, `1,200.5 mm`.
  *
- * A comma before three digits, as in `2,500`, separates thousands; any other single comma is a decimal comma.
+ * A comma before three digits, as in `2,500` but not in `0,125`, separates thousands; any other single comma is a decimal comma.
  *
  * @returns {{value?: number, wrong?: string, note?: string}} `value` in SI; a number without a unit is in the one shown;
  *   `note` says how an ambiguous number was read
