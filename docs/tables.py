@@ -93,7 +93,6 @@ def bounds(field: FieldInfo) -> str:
 
 
 def table(head: tuple[str, ...], rows: list[Any]) -> str:
-    """Return a Markdown table."""
     lines = [head, ("---",) * len(head), *rows]
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
 

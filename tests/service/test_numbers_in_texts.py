@@ -28,7 +28,6 @@ def wrong_numbers(text: str) -> list[str]:
 
 
 def sentences(content: Any, name: str = "") -> Iterator[str]:
-    """Yield the sentences of an answer."""
     if isinstance(content, dict):
         for key, value in content.items():
             yield from sentences(value, key)
