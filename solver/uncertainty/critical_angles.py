@@ -45,8 +45,8 @@ from solver.warnings import ModelWarning
 # An error of 0.1° is far below the usual scatter of the angle, a few degrees. The samples also correct the
 # probabilities for this error.
 SURROGATE_ERROR = math.radians(0.1)
-"""Largest root mean square error of the surrogate at held-out points with which it is used. [rad]"""
-# Evaluating the surrogate takes microseconds, and with so many points its sampling error is negligible.
+"""Largest root mean square error at held-out points with which the surrogate is used. [rad]"""
+# Evaluating the surrogate takes microseconds a point, and with so many points its sampling error is negligible.
 SURROGATE_POINTS = 4096
 """Number of points in each scrambling at which the surrogate is evaluated."""
 # With fewer samples the intervals of the indices are too wide to be useful; the value is arbitrary.
@@ -168,6 +168,8 @@ class AngleStudy:
             history = list(answer.convergence)
             following = tables.samples + SCRAMBLINGS * count * design.alternatives
             points = 2 * count
+            # Up to the usual first round nothing is reserved, so that a small study does not end before its surrogate
+            # fits.
             reserve = self._reserve() if points > FIRST_POINTS else 0
             if answer.converged or following + reserve > sampling.max_samples:
                 break
@@ -219,8 +221,8 @@ class AngleStudy:
 
     def _by_surrogate(self, tables: Tables, expansion: Expansion) -> AngleUncertainty:
         # The probability is the surrogate's at many points plus a correction from the samples: the fraction of samples
-        # that are turned away, minus the fraction that fits to the other samples predict. The interval is that of the
-        # correction, widened by the probability of outcomes that no sample shows.
+        # that are turned away, minus the fraction that fits to the other samples predict. The interval combines the
+        # sampling errors of both with the probability of outcomes that no sample shows.
         design, sampling = self.design, self.sampling
         predicted = np.stack([expansion.at(design.standard(each)) for each in self._unit])
         known = ~self._beyond[..., None]
@@ -385,7 +387,8 @@ class AngleStudy:
     def _indices(self, tables: Tables, answer: AngleUncertainty) -> Steps:
         """Add Sobol indices by Saltelli's design to a result.
 
-        The design takes two sets of samples, and mixtures of both. The samples so far are the first set.
+        The design takes two sets of samples, and mixtures of both. The first set consists of samples that are already
+        computed, as many as the budget and `SENSITIVITY_SAMPLES` allow.
         """
         design, sampling = self.design, self.sampling
         inputs, count = len(design.uncertain), tables.count

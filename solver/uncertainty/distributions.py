@@ -21,7 +21,7 @@ FIELD = "distribution"
 # A Gauss rule with 48 nodes is exact up to degree 95, which includes the square of every polynomial in use.
 NODES = 48
 """Number of nodes of a quadrature rule for a smooth density."""
-# There the density is 3e-18 of its maximum, below the rounding error of a sum.
+# At this distance the density is 3e-18 of its maximum, below the rounding error of a sum.
 FAR = 9.0
 """Distance from the mean, in standard deviations, beyond which a normal density is neglected. [1]"""
 # If an input varies by so large a factor, the critical angle is far from linear in it; smaller factors need no high
@@ -31,14 +31,14 @@ WIDE = 0.2
 # One standard deviation is then a factor of 22,000 either way, more than for any real input.
 LARGEST_DISPERSION = 10.0
 """Largest accepted dispersion. [1]"""
-# Below 1, the 90 % interval hardly describes the tails. Above a million, the distribution is normal except for
-# rounding.
+# Below 1, the 90 % interval hardly describes the tails. At a million, quantiles differ from those of the normal
+# distribution by less than 1e-5 of their value.
 FREEDOM = (1.0, 1e6)
 """Range of accepted degrees of freedom. [1]"""
 # The smallest coordinate of a sample point is half the distance between neighbouring coordinates, which have 30 bits.
 TINY = 2.0**-31
 """Least probability at which a distribution is sampled. [1]"""
-# The tolerance accepts weights that are rounded to ten or more decimal places.
+# The tolerance accepts up to twenty weights that are rounded to ten decimal places.
 WEIGHTS_SUM = 1e-9
 """Largest deviation of the sum of weights from 1. [1]"""
 
@@ -46,7 +46,8 @@ WEIGHTS_SUM = 1e-9
 class Continuous(Protocol):
     """Interface of distributions of continuous inputs.
 
-    The surrogate is a polynomial in the standard variables of the inputs; each one is a smooth function of its input.
+    The surrogate is a polynomial in the standard variables of the inputs. A standard variable is a smooth function of
+    its input.
     """
 
     def standard(self, u: FloatArray) -> FloatArray:
@@ -73,12 +74,11 @@ def _spread(mean: float, deviation: float | None, variation: float | None) -> fl
 
 
 def _spread_name(deviation: float | None) -> str:
-    """Return the name of the parameter that was given for the spread."""
     return "coefficient_of_variation" if deviation is None else "standard_deviation"
 
 
 def _require_order(name: str, holds: bool, words: str, other: float) -> None:
-    """Raise `ParameterError` unless two parameters are in the required order, that is unless `holds` is true."""
+    """Raise `ParameterError` unless two parameters are in the required order, which `holds` states."""
     require(holds, f"{FIELD}.{name}", f"must be {words}, {{}}", Amount(other, None))
 
 
@@ -290,7 +290,7 @@ class LogStudentT:
     scale
         Scale of the natural logarithm. [1]
     degrees_of_freedom
-        Degrees of freedom, 1 or more; with many, the distribution is lognormal. [1]
+        Degrees of freedom, from 1 to a million; with many, the distribution is nearly lognormal. [1]
     lower, upper
         Bounds at which the distribution is truncated, if any, with the median between them. Without them, heavy
         tails may reach beyond the bounds of the field.
@@ -393,7 +393,7 @@ class Uniform:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Triangular:
-    """Triangular distribution: the density is zero at both bounds, and linear from each bound to the mode."""
+    """Triangular distribution: the density rises linearly from zero to the mode, then falls linearly to zero."""
 
     name: ClassVar[str] = "triangular"
     lower: float

@@ -60,11 +60,11 @@ class NextShot:
 
     Notes
     -----
-    A depth gives the product S f'c, whose squared scale d² in the study follows from the squared scales of the factor
-    on S and of the strength. Shots reduce the part t² = d² - w² that exceeds the squared scale w² within a series:
-    after n shots with the usual scatter it is 1/(1/t² + n/w²). A factor with Student's distribution gains n degrees of
-    freedom. The strength keeps its scatter unless it would then make up more than half of what remains, as in
-    `StrengthScatter`.
+    A depth gives the product S f'c, whose squared scale d² in the study follows from the squared 90 % ranges of the
+    factor on S and of the strength. Shots reduce the part t² = d² - w² that exceeds the squared scale w² within a
+    series: after n shots with the usual scatter it is 1/(1/t² + n/w²). A factor with Student's distribution gains n
+    degrees of freedom. The strength keeps its scatter unless it would then make up more than half of what remains, as
+    in `StrengthScatter`.
     """
 
     shots: int
@@ -143,8 +143,9 @@ def next_shots(
 def _scale(distribution: Distribution) -> float:
     """Return the scale of the logarithm of an input. [ln]
 
-    For a log-Student distribution this is its scale; for others, half the distance between the logarithms of the
-    quantiles at ±1 standard deviation, or 0 if the lower quantile is not above zero.
+    For a log-Student distribution this is its scale. For others it is half the distance between the logarithms of two
+    quantiles, at the probabilities of ±1 standard deviation of a normal distribution, or 0 if the lower quantile is not
+    above zero.
     """
     from scipy.special import ndtr  # noqa: PLC0415 (slow to import, and needed for sampling only)
 

@@ -219,9 +219,10 @@ class AngleUncertainty(ComparedByFields):
     upper: FloatArray
     """Upper end of the interval of each probability."""
     mean: Estimate | None
-    """Mean of the critical angle among the samples that have one; None if none has. [rad]"""
+    """Mean of the critical angle among the samples that have one; None if none has, or only samples of a single
+    scrambling. [rad]"""
     standard_deviation: Estimate | None
-    """Standard deviation of the critical angle among the samples that have one; None if none has. [rad]"""
+    """Standard deviation of the critical angle among the samples that have one; None if the mean is. [rad]"""
     quantiles: tuple[tuple[float, Estimate], ...]
     """Quantiles of the critical angle among the samples that have one, as probability and angle. [1, rad]"""
     share_without: Estimate

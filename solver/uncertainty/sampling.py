@@ -65,8 +65,9 @@ class Uncertain:
     field
         Dotted name of a number, such as ``impact.velocity``, ``target.compressive_strength``, ``projectile.mass`` or
         ``numerics.retention_energy_fraction``, or its last part where that is unambiguous; a model, such as
-        ``resistance.free_surface``, for discrete values; or ``resistance.strength_residual``, a factor on the strength
-        factor.
+        ``resistance.free_surface``, for discrete values; ``resistance.theory``, the name of a decay law, for discrete
+        values that select this law and the S(θ) that belongs to it; or ``resistance.strength_residual``, a factor on
+        the strength factor.
     distribution
         Distribution in the unit of the field.
 
@@ -153,7 +154,7 @@ class Sampling:
     seed
         Seed of the sample points; the same seed always gives the same points.
     method
-        ``"auto"`` uses the surrogate where it passes its check, ``"direct"`` never uses it.
+        ``"auto"`` uses the surrogate if it passes its check and its intervals are narrower; ``"direct"`` never uses it.
 
     Raises
     ------
@@ -223,7 +224,7 @@ class Estimate:
 def scrambled(seed: int, dimensions: int, count: int, stream: int = 0) -> FloatArray:
     """Return (scramblings, count, dimensions) points in (0, 1); `count` is a power of two.
 
-    The first points of a scrambling do not depend on `count`.
+    The first points of a scrambling do not depend on `count`. Each `stream` has independent points.
     """
     points = np.empty((SCRAMBLINGS, count, dimensions))
     for number in range(SCRAMBLINGS):
@@ -374,7 +375,7 @@ class Design:
         return len(self.combinations)
 
     def unit(self, count: int) -> FloatArray:
-        """Return (scramblings, count, 2 inputs) points in (0, 1): two independent sets side by side."""
+        """Return (scramblings, count, 2 × inputs) points in (0, 1): two independent sets side by side."""
         return scrambled(self.sampling.seed, 2 * len(self.uncertain), count)
 
     def standard(self, unit: FloatArray) -> FloatArray:

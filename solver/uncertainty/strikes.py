@@ -216,7 +216,7 @@ def critical_angle_uncertainty(
     sampling
         Accuracy, budget and seed.
     sensitivity
-        Compute Sobol indices and the swing of each input too.
+        Also compute Sobol indices and the swing of each input.
     threads
         Number of searches computed in parallel.
 
@@ -227,7 +227,7 @@ def critical_angle_uncertainty(
     Raises
     ------
     ParameterError
-        If a distribution or a field is not valid.
+        If a distribution or a field is not valid, or the budget of samples is less than these inputs need.
 
     Notes
     -----
@@ -302,8 +302,8 @@ def trajectory_uncertainty(
     projectile, target, impact, resistance, numerics
         As for `simulate`. [SI, rad]
     flight
-        Tilt and height of the face. If given, the result has quantiles of the flight distance; each flight takes about
-        25 ms.
+        Tilt and height of the face, and drag. If given, the result has quantiles of the flight distance; each flight
+        takes about 25 ms.
     uncertain, sampling, threads
         As for `critical_angle_uncertainty`; ``impact.oblique_angle`` may scatter too.
 

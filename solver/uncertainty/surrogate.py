@@ -150,6 +150,8 @@ class Expansion:
 def fit_expansion(inputs: Sequence[Continuous], z: FloatArray, values: FloatArray) -> Expansion | None:
     """Return the fit with the smallest error at held-out points; None if there are too few points.
 
+    The error of a fit is the largest over the alternatives.
+
     Parameters
     ----------
     z

@@ -112,7 +112,8 @@ def usual_scatter(
     -----
     The factor on S has the scatter of the law, or of shots into the same concrete, except for the part that the
     strength explains, see `StrengthScatter`. Its distribution has heavy tails, and is truncated where S would be
-    outside `PLAUSIBLE_FACTORS`; otherwise, about one sample in a hundred would have an S that no concrete has.
+    outside `PLAUSIBLE_FACTORS`, but never between half and twice its median. Without truncation, about one sample in a
+    hundred would have an S that no concrete has.
     """
     resistance = usual_unless_given(resistance)
     factor = resistance.strength_polynomial(target=target, projectile=projectile)[0]

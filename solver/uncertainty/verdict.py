@@ -33,7 +33,8 @@ from solver.uncertainty.weighed_warnings import (
 )
 from solver.warnings import ModelWarning
 
-# The surrogates for two theories may need this number of samples; for most strikes half of it is enough.
+# With two theories a study takes 270 searches if the surrogate fits, and 526 otherwise. Another round would exceed this
+# budget.
 SAMPLES, HALF_WIDTH = 1024, 0.05
 """Budget of samples, and half width of the intervals of probabilities at which sampling ends. [1, 1]"""
 # Between two such angles, the probability for the paper's strike rises by 0.07 at most, and linear interpolation is off
@@ -82,7 +83,7 @@ class Question(NamedTuple):
     probe: tuple[str, float] | None = None
     """Code of a warning, and the value that the search for its effect changes, as for `with_probe`."""
     optional: bool = False
-    """True if the verdict can be given without the answer."""
+    """True if `verdict` goes on without the answer when its computation fails; otherwise it raises the error."""
 
 
 class Spread(NamedTuple):
@@ -160,7 +161,8 @@ class Verdict:
     share_without: float
     """Share of the samples without a critical angle. [1]"""
     theories: tuple[float | None, ...]
-    """Critical angles with elastic-plastic and with Mohr-Coulomb decay, all other inputs at their medians. [rad]"""
+    """Critical angles with elastic-plastic and with Mohr-Coulomb decay, all other inputs at their medians; empty if the
+    range over both theories was not computed. [rad]"""
     own_law: bool = False
     """True if the user chose a decay law or S; the range over both theories is then given separately."""
     theory_spread: tuple[float, float] | None = None
@@ -168,7 +170,8 @@ class Verdict:
     theory_range_failed: bool = False
     """True if the range over both theories was requested, but could not be computed."""
     held_angle: float | None = None
-    """Critical angle with S held from 55° on, if S is held from 60° on and `angle` is above 55°. [rad]"""
+    """Critical angle with S held from 55° on, if S is held from 60° on, `angle` is above 55° and a range was requested.
+    [rad]"""
     standard_error: float | None = None
     """Standard error of the critical angle, from the covariance of the strength factor; None without one. [rad]"""
     other_crossings: tuple[float, ...] = ()
@@ -246,7 +249,7 @@ class Verdict:
         if self.own_law:
             text += " with the law chosen"
         share = f"{100.0 * self.share_without:.0f} % of the samples without one from {lower} to {upper}"
-        if self.spread is not None and self.share_without > 0.1:  # The range is then not one of 90 % of all samples.
+        if self.spread is not None and self.share_without > 0.1:  # The range then has less than 81 % of all samples.
             return f"{text}, {share}, 90 % range of the others {self.range_text}"
         if self.spread is not None:
             text += f", 90 % range {self.range_text}"

@@ -138,7 +138,7 @@ def _judged(wall: WallVerdict) -> str:
     text = f"Wall of {_length(wall.thickness)} at {math.degrees(wall.oblique_angle):.6g}° from the normal"
     missed = [name for name, value in _questions(wall) if value.enough is False]
     if missed:
-        # Without these words a reader would take it that the wall is enough against the other, whatever the angle.
+        # Without these words, a reader would assume that the wall is enough against the other at any angle.
         oblique = [name for name, value in _questions(wall) if value.enough and _is_thinner_than_normal(wall, name)]
         also = f"; enough against {oblique[0]} at this angle only" if oblique else ""
         return f"{text}: not enough against {' and '.join(missed)}{also}."
@@ -237,8 +237,8 @@ def judge_wall(
     projectile, impact
         Projectile, and its motion at first contact. [SI, rad]
     target
-        Wall. Without a thickness, the verdict has only design values. The formulas use its characteristic strength if
-        given, the model uses the mean.
+        Wall. Without a thickness, the verdict has only design values and the least thicknesses by the model. The
+        formulas use the characteristic strength if it is given; the model uses the mean.
     resistance, numerics
         As for `simulate`.
 
@@ -501,7 +501,7 @@ def _model_sentence(
     written: Callable[[float], str],
     where: str,
 ) -> str:
-    """Compose a sentence with the limit by the model, which it calls unconservative, its range and its variants."""
+    """Compose a sentence with the limit by the model, its range and its variants; it calls the model unconservative."""
     own = "".join(
         words
         for words, has in ((" with a plug", resistance.rear_plug), (" with a crater", resistance.crater))

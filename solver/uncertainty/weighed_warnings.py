@@ -52,7 +52,7 @@ def probes(
                     resistance=resistance, oblique_angle=oblique_angle, target=target, projectile=projectile
                 ),
             )
-        except ParameterError:  # the polynomial is above zero only at larger angles
+        except ParameterError:  # S is not above zero at this angle
             return ()
 
     found: dict[str, tuple[float, ...]] = {}
