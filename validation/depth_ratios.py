@@ -96,7 +96,7 @@ def _ratio(axes: Axes, assessment: Assessment, velocities: FloatArray, ratios: F
 
 
 SERIES = "forrestal-1994"
-"""Series for which the reference values below, ratios of predicted to measured depth by the closed form with
+"""Series for which the reference values below, for the ratio of predicted to measured depth by the closed form with
 S = 82.6 f'c^−0.544, were set before the comparison was made."""
 MEAN_RATIO, MEAN_RATIO_TOLERANCE = 1.02, 0.03
 VARIATION, VARIATION_TOLERANCE = 0.08, 0.02

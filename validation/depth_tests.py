@@ -105,7 +105,7 @@ FIT_RANGE = (3.0, 15.0)
 """Range of the search for the best strength factor. [1]"""
 CURVE_DEGREE = 6
 """Degree of the polynomial that approximates ln depth as a function of ln S in a fit, with a relative error of the
-depth of about 10⁻⁶."""
+depth below 10⁻⁶."""
 
 DepthCurve: TypeAlias = Callable[[float], float]
 """Function of the strength factor that returns the depth of the nose tip. [m]"""
@@ -251,7 +251,7 @@ class Agreement:
     coefficient_of_variation: float
     """Sample standard deviation, with n - 1, divided by the mean. [1]"""
     within_band: int
-    """Number of tests with a ratio of 1 ± `BAND`."""
+    """Number of tests whose ratio differs from 1 by at most `BAND`."""
 
 
 def agreement(ratios: FloatArray) -> Agreement:

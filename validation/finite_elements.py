@@ -129,7 +129,6 @@ def _with_error(prediction: Prediction) -> str:
 
 
 def _laws(found: Mapping[Mesh, Calibration]) -> ReportTable:
-    """Return the table that compares the decay laws over all runs of each mesh."""
     rows: list[Sequence[object]] = []
     for mesh, calibration in found.items():
         for law, name in LAW_NAMES.items():
@@ -202,7 +201,6 @@ def _quantities(found: Mapping[Mesh, Calibration]) -> ReportTable:
 
 
 def _outcomes(found: Mapping[Mesh, Calibration]) -> ReportTable:
-    """Return the table of outcomes: of each finite element run, and of the model with the S fitted to that run."""
     rows: list[Sequence[object]] = []
     for calibration in found.values():
         for run in calibration.runs:

@@ -150,7 +150,6 @@ def fit_laws(runs: Sequence[FiniteElementRun], ends: Sequence[float]) -> DecayLa
 
 
 def _fit_quantities(run: FiniteElementRun, end: float, law: FreeSurface) -> dict[str, Estimate | None]:
-    """Fit S to each quantity of a run separately."""
     return {name: _fit_quantity(run, end, law, weights) for name, weights in ALONE.items()}
 
 
@@ -380,7 +379,6 @@ def _predictions_with_mesh(
 
 
 def _at_angles(factors: Mapping[float, Estimate], angles: Sequence[float]) -> dict[float, Estimate]:
-    """Return the strength factors at the given angles. [°]"""
     return {angle: factor for angle, factor in factors.items() if angle in angles}
 
 

@@ -323,5 +323,4 @@ def _turned(motion: MotionHistory) -> float:
 
 
 def _signed(value: float, decimals: int) -> str:
-    """Return a number as text with its sign."""
     return f"{value:+.{decimals}f}".replace("-", "\N{MINUS SIGN}")

@@ -86,7 +86,6 @@ def draw_histories(
 
 
 def _draw_differences(axes: Axes, curves: Sequence[Curve], against: MotionHistory, quantity: str) -> None:
-    """Draw the differences of a quantity from a history. [mm, °]"""
     scale, unit = (1.0, "°") if quantity == "rotation" else (1e3, "mm")
     for curve in curves:
         differences = column(curve.history, quantity) - column(against, quantity)

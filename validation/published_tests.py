@@ -233,7 +233,7 @@ def sections(progress: Progress) -> Iterator[Section]:
     Parameters
     ----------
     progress
-        Called with the name of the next section.
+        Called with the name of the next step.
 
     Yields
     ------

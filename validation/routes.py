@@ -314,8 +314,8 @@ def compare(number: int, strike: Strike) -> Comparison:
 def _grazes(strike: Strike, adaptive: End, panels: End) -> bool:
     """Return whether the routes agree until the panels lose contact, with the body barely in the concrete at that time.
 
-    With a hundred thousand panels the rows are a thousandth of the length apart. An edge that is less deep contains no
-    panel centre, but it contains Gauss points, which are placed on the part of the surface below the face.
+    With the panels of `FINEST` the rows are about a thousandth of the length apart. An edge that is less deep contains
+    no panel centre, but it contains Gauss points, which are placed on the part of the surface below the face.
     """
     if adaptive.speed is None or panels.speed is None or panels.time >= adaptive.time:
         return False
@@ -329,8 +329,8 @@ def _grazes(strike: Strike, adaptive: End, panels: End) -> bool:
 def _panel_numerics(strike: Strike, adaptive: End, resolution: Resolution) -> Numerics:
     """Return numerics with this resolution, and a termination time of at most `MOST_STEPS` steps.
 
-    Fixed steps do not always detect rest. A body that is embedded by the adaptive method is therefore followed for at
-    most 1.5 times as long as that run took.
+    Fixed steps do not always detect rest. A body that the adaptive method embeds before it reaches the rear face is
+    therefore followed for at most 1.5 times as long as that run took.
     """
     velocity = strike.impact.velocity
     step = strike.projectile.diameter / velocity / resolution.steps

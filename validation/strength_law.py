@@ -58,8 +58,9 @@ CONTRADICTED: Mapping[int, str] = {
 }
 """Rows that contradict other rows of their article, with the reason."""
 NORMALISED = frozenset((*range(721, 734), 735, 737, 738))
-"""Rows of article 71 whose depths seem to be normalised to its 29.9 mm body. At 650 m/s bodies of 0.04, 0.12, 1 and 8
-kg all have a depth of 0.6 to 0.8 m, so S would be 22 for the largest and 2.4 for the smallest."""
+"""Rows of article 71 whose depths seem to be normalised to its 29.9 mm body. In targets that are thick enough, bodies
+of 0.04, 0.12, 1 and 8 kg all have a depth of 0.6 to 0.8 m at 650 m/s, so S would be up to 22 for the largest and down
+to 2.4 for the smallest."""
 NORMALISED_TO = 0.0299
 """Diameter of the body to which these depths seem to be normalised. If each depth is multiplied by the diameter of its
 row over this one, S is 6 to 12. [m]"""
@@ -461,7 +462,6 @@ def strength_law_section() -> Section:
 
 
 def _comparisons(law: MixedModel) -> tuple[Comparison, ...]:
-    """Return comparisons of the constants of the solver's law with the constants fitted here."""
     constant, strength, diameter = law.coefficients.tolist()
     numbers = (
         ("coefficient", math.exp(constant), PublishedTests.law.coefficient, 0.01),
@@ -545,9 +545,10 @@ def _series_table(values: FloatArray) -> ReportTable:
 
 
 def paper_range(own_shots: int, law: FreeSurface) -> tuple[float, float, tuple[float, float, float]]:
-    """Return the median and scale of S after some of the paper's shots, and 5, 50 and 95 % quantiles of the angle. [°]
+    """Return the median of S, the scale of ln S, and quantiles of the angle [°], after some of the paper's shots.
 
-    The angles are those for the 95, 50 and 5 % quantiles of S, because a larger S gives a smaller critical angle.
+    The 5, 50 and 95 % quantiles of the angle are the angles for the 95, 50 and 5 % quantiles of S, because a larger S
+    gives a smaller critical angle.
     """
     own = tuple(Shot(velocity=shot.velocity, depth=shot.depth, mass=shot.mass) for shot in table_1())
     found = OwnTests(shots=own[: max(own_shots, 1)]).posterior(target=PAPER_TARGET, projectile=PAPER_PROJECTILE)

@@ -61,7 +61,6 @@ def walls_section() -> Section:
 
 
 def _thickness_table() -> ReportTable:
-    """Return the table of least thicknesses for the paper's strike."""
     impacts = [Impact(velocity=PAPER_VELOCITY, oblique_angle=math.radians(angle)) for angle in ANGLES_DEG]
     case: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
     rows: list[tuple[object, ...]] = []
@@ -96,7 +95,6 @@ def slab_limit_speed(resistance: Resistance, strength: float) -> float | None:
 
 
 def _speed_table() -> ReportTable:
-    """Return the table of limit speeds of the slabs of Hanchak et al."""
     walls = [slab(strength) for strength in SLAB_STRENGTHS]
     rows: list[tuple[object, ...]] = []
     for name, resistance in MODELS.items():
