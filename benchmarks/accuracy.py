@@ -9,7 +9,8 @@ against such scans; the outcome at each angle must match the interval in the ans
 kind by both numerical methods, see `validation/routes.py`. Disagreements are printed with inputs and warnings.
 
 Exits with 1 if a case fails, if status or angle of a usual strike disagree, if more than 1 % of the others disagree or
-one does so without a warning, if the methods differ for no known reason, or if a combination did not occur.
+one does so without a warning, if the methods differ for no known reason or, with 1,440 strikes or more, if a
+combination did not occur. Other crossings that disagree are only printed.
 """
 
 import argparse

@@ -72,14 +72,12 @@ def case(number: int) -> dict[str, Any]:
 
 
 def send(port: int, method: str, path: str, body: bytes = b"", **headers: str) -> bytes:
-    """Send a request; return the body of its answer."""
     sent = {name.replace("_", "-"): value for name, value in headers.items()}
     url = f"http://127.0.0.1:{port}{path}"
     return httpx.request(method, url, content=body, headers=sent, trust_env=False).raise_for_status().content
 
 
 def query(port: int, number: int) -> None:
-    """Request the critical angle of a case."""
     send(port, "POST", "/cra", json.dumps(case(number)).encode(), Content_Type="application/json")
 
 

@@ -122,7 +122,6 @@ def is_complete(answer: bytearray) -> bool:
 
 
 def raw_request(method: str, path: str, body: bytes = b"") -> bytes:
-    """Return a request as bytes."""
     head = f"{method} {path} HTTP/1.1\r\nhost: 127.0.0.1\r\n"
     if body:
         head += f"content-type: application/json\r\ncontent-length: {len(body)}\r\n"

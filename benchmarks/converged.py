@@ -14,7 +14,7 @@ from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, TRAJEC
 OBLIQUE_ANGLE_DEG = 45.0
 """Oblique angle of the trajectory that is measured. [°]"""
 DEPTH_TIMES = (5e-4, 1e-3, 2e-3, 3e-3)
-"""Times before the end of this trajectory at which depths are compared. They are multiples of the first. [s]"""
+"""Times at which depths of this trajectory are compared. It ends later, and all are multiples of the first. [s]"""
 
 CONVERGED = Numerics(method="adaptive", relative_tolerance=LAST_TOLERANCE / 30.0, stations=24, points=8)
 SCANNED = Numerics(method="adaptive", relative_tolerance=1e-6, stations=24, points=6)

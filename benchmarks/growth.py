@@ -6,7 +6,7 @@
    cluster; each chunk only sleeps for 0.1 s, so any loss is due to the executor and the scheduler.
 2. Memory of the server against queued cases, which are one job of JSON lines.
 3. Disk usage, time to open the results and time to start the service, against the number of results. The results are
-   copies of 200 computed ones under other keys, in segments of 200 like the segments of a job.
+   copies of 200 computed ones under other keys, in segments of 200; a chunk of a job has up to 256.
 4. Times of `GET /jobs`, of accepting a job and of a start, against the number of jobs. The jobs are copies of one that
    has ended.
 

@@ -10,8 +10,7 @@ the service reports how long its event loop was blocked: in wall time, and in pr
 processes on the machine do not affect.
 
 Prints a row for each kind of change, the longest processor time first, and the longest time of all, which should be
-below 50 ms. Exits with 1 if
-an answer was a 500. Takes about two minutes.
+below 50 ms. Exits with 1 if an answer was a 500. Takes about two minutes.
 """
 
 import argparse
@@ -44,7 +43,7 @@ TICK_SECONDS = 0.001
 PATIENCE_SECONDS = 30.0
 """Time after which a service that does not report its blocked time is killed and started again. [s]"""
 SHORT, LONG = 100 * 1024, 1_900_000
-"""Lengths a little below the limits on the bodies of single requests and of batches. [bytes]"""
+"""Lengths below the limits on the bodies of single requests, 128 KiB, and of batches in JSON, 2 MiB. [bytes]"""
 HEADERS = {
     *("accept", "accept-encoding", "access-control-request-headers", "access-control-request-method", "authorization"),
     *("connection", "content-encoding", "content-length", "content-type", "cookie", "expect", "forwarded", "host"),
@@ -97,7 +96,6 @@ def long_names(size: int) -> dict[str, int]:
 
 
 def nulls(size: int) -> dict[str, None]:
-    """Return fields with unknown names and the value null."""
     return {f"n{number}": None for number in range(size // 12)}
 
 
@@ -294,7 +292,6 @@ def put(part: Any, steps: Steps, value: Any) -> Any:
 
 
 def body_attack(rng: random.Random, routes: list[tuple[str, str, str, Any]]) -> Attack:
-    """Return a request with a hostile body."""
     method, path, media_type, body = rng.choice(routes)
     long = path.endswith(("/batch", "/sweep")) or path.startswith("/calibration")
     size = LONG if long and rng.random() < 0.5 else SHORT

@@ -7,8 +7,8 @@
 2. Time for each case when the same batch is read from the cache, and CPU time of the server, without its workers, for
    a new case and for a cached one.
 3. Requests to a cached `/cra` that are answered in a second, compared with an empty FastAPI route under uvicorn.
-4. Longest response time of `/livez` during the batches. A process polls it every 20 ms throughout, so that it uses the
-   cores in the same way while the bare pool and the batch run.
+4. Longest response time of `/livez` during the batches. A process polls it every 20 ms throughout, so that the polling
+   takes the same share of the cores from the bare pool and from the batch.
 
 Client, service and workers share this machine. The cases are from a study of one projectile. They are cheaper than
 random ones, so that the overhead of the service is a larger part. Exits with 1 if the angles of pool, batch and cache
@@ -49,7 +49,6 @@ RATE_SECONDS, QUICK_RATE_SECONDS, RATE_ROUNDS = 2.0, 0.3, 3
 
 
 def empty_app() -> FastAPI:
-    """Return a FastAPI application with an empty route."""
     app = FastAPI(openapi_url=None)
 
     @app.get("/empty")

@@ -184,7 +184,6 @@ def one_by_one(cases: Cases) -> Iterator[Case]:
 
 
 def answer_or_error(case: Case) -> CriticalAngle | RicochetError:
-    """Return the answer to one case, or its error."""
     try:
         return critical_angle(**case)
     except RicochetError as error:

@@ -19,7 +19,6 @@ STOP_SECONDS = 20.0
 
 
 def free_port() -> int:
-    """Return a port that is not in use."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]

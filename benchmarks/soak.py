@@ -10,10 +10,10 @@ are measured.
 
 Every JSON answer to a case must be the same for every reader and at any time; CSV and HDF5 files must have a row for
 each case. At the end every job is read once more, a sample is computed by the solver, and `ricochet cache verify` reads
-the files. Exits with 1 if anything was
-wrong or if, after at least `JUDGED_MINUTES`, memory grew by more than 10 % from the median of the first third of the
-rounds to the median of the last third. A single round may end while the C library still holds memory of a download or a
-chunk, which is not growth; the largest round is printed as well. Needs Linux (/proc).
+the files. Exits with 1 if anything was wrong or if, in a run of at least `JUDGED_MINUTES`, memory grew by more than
+10 % from the median of the first third of the rounds to the median of the last third. A single round may end while the
+C library still holds memory of a download or a chunk, which is not growth; the largest deviation of a round is printed
+as well. Needs Linux (/proc).
 """
 
 import argparse

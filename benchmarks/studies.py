@@ -32,7 +32,7 @@ MAPS: tuple[tuple[str, dict[str, Any], dict[str, Any], int], ...] = (
 COARSE = 8
 """Number of values of each axis of the coarse grid."""
 READ_SECONDS = 0.3
-"""Pause of the page between two requests of a job. [s]"""
+"""Shortest pause of the page between two requests for results of a job. [s]"""
 PAGE = 1000
 """Number of results that the page requests at once."""
 
