@@ -273,7 +273,6 @@ SETS = {
 
 
 def run(compare: Callable[[tuple[int, Case]], Comparison], cases: list[Case], processes: int) -> list[Comparison]:
-    """Return the comparisons in the order of the cases."""
     with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"), initializer=warm_up) as pool:
         return list(pool.map(compare, enumerate(cases)))
 

@@ -25,7 +25,6 @@ SEED = 3
 
 
 def measure(server: Server, count: int) -> dict[str, Batch]:
-    """Run a batch of critical angles and one of short trajectories."""
     searches = [to_request(case) for case in one_by_one(study_cases(count + 200, SEED))]
     run_batch(server, "/cra/batch", searches[count:])  # This warms up the workers.
     short = [case | {"impact": case["impact"] | {"oblique_angle_deg": 80.0}} for case in searches[:count]]

@@ -97,7 +97,6 @@ def least(call: Callable[[], object], times: int) -> float:
 
 
 def searches(count: int) -> list[Curve]:
-    """Measure the number of searches a second against the number of threads."""
     cases, curve = random_cases(count, 31), Curve("searches", "1/s", "threads")
     for threads in range(1, (os.cpu_count() or 1) + 1):
         curve.points.append((threads, count / measure(lambda workers: in_threads(cases, workers), threads).wall))
@@ -105,7 +104,6 @@ def searches(count: int) -> list[Curve]:
 
 
 def chunks(sizes: Sequence[int]) -> list[Curve]:
-    """Measure the rate at which Dask workers complete chunks. The chunks only sleep."""
     curve = Curve("sleeping chunks", "1/s", "Dask workers")
     for size in sizes:
         with LocalCluster(  # type: ignore[no-untyped-call]
@@ -183,7 +181,6 @@ def exchange(
 
 
 def results(sizes: Sequence[int]) -> list[Curve]:
-    """Measure the disk usage of results, the time to open them, and the time to start a service with them."""
     disk = Curve("disk", "MB", "results")
     opening, start = Curve("opening the results", "s", "results"), Curve("start", "s", "results")
     cases = [to_request(case) for case in one_by_one(study_cases(SEGMENT, 41))]
@@ -224,7 +221,6 @@ def least_start(folder: Path) -> float:
 
 
 def jobs(sizes: Sequence[int]) -> list[Curve]:
-    """Measure the times to start a service with this many jobs, to list a page of them, and to accept one more."""
     listing, accepting = Curve("GET /jobs", "ms", "jobs"), Curve("accepting a job", "ms", "jobs")
     start = Curve("start", "s", "jobs")
     [case] = [to_request(each) for each in one_by_one(study_cases(1, 51))]

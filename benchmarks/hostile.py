@@ -249,7 +249,6 @@ class Service:
 
 @contextmanager
 def running() -> Iterator[Service]:
-    """Run the service during the block."""
     with tempfile.TemporaryDirectory() as folder:
         service = Service(folder)
         try:

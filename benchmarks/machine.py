@@ -14,7 +14,6 @@ from solver import ENGINE_VERSION
 
 
 def machine() -> dict[str, Any]:
-    """Return processor, cores, memory, operating system and load of this machine."""
     return {
         "processor": _processor(),
         "cores": os.cpu_count(),

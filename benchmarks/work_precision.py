@@ -53,7 +53,6 @@ class Setting:
 
 
 def settings(*, quick: bool) -> list[Setting]:
-    """Return all settings, or a few fast ones."""
     quadratures, tolerances = (((4, 3),), TOLERANCES[1:3]) if quick else (QUADRATURES, TOLERANCES)
     panels, time_steps = (PANELS[:1], ()) if quick else (PANELS, TIME_STEPS)
     adaptive = [

@@ -376,7 +376,7 @@ def _finite_elements() -> tuple[Cost, Cost]:
 
 
 def _measured(method: SearchMethod) -> Cost:
-    """Return the shortest CPU time of several runs of a search, after one that loads the compiled code."""
+    """Return the cost of a search: the shortest CPU time of several runs, after one that loads the compiled code."""
     search(method)
     shortest = min(_cpu_seconds(method) for _ in range(REPEATS[method]))
     way = "outcome search (ours)" if method == "outcome" else f"{method} (paper's elements)"

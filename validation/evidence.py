@@ -40,7 +40,6 @@ class Evidence:
 
     what: str
     number: int
-    """Number of tests used."""
     source: str
     left_out: str
     result: str

@@ -222,7 +222,6 @@ def _color(each: Prediction) -> str:
 
 
 def _computed(found: Mapping[Mesh, Calibration], angle: float) -> dict[str, MotionHistory]:
-    """Return the finite element histories at an angle, by mesh. [°]"""
     return {
         f"finite elements, {mesh} mesh": history_of(run)
         for mesh, calibration in found.items()

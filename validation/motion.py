@@ -33,7 +33,6 @@ LABELS = {
     "depth_displacement": "depth displacement [m]",
     "rotation": "rotation [°]",
 }
-"""Axis label of each quantity."""
 END = 5e-3
 """Duration of the paper's oblique runs. [s]"""
 

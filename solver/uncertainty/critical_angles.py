@@ -137,7 +137,7 @@ class AngleStudy:
 
     @cached_property
     def _unit(self) -> FloatArray:
-        """Points in (0, 1) at which the surrogate is evaluated."""
+        """(scramblings, n, inputs) points in (0, 1) at which the surrogate is evaluated."""
         return scrambled(self.sampling.seed, len(self.design.uncertain), SURROGATE_POINTS, stream=1)
 
     @cached_property
@@ -444,7 +444,6 @@ def _half_width(answer: AngleUncertainty) -> float:
 def _warnings(
     tables: Tables, answer: AngleUncertainty, beyond: npt.NDArray[np.bool_] | None = None
 ) -> tuple[ModelWarning, ...]:
-    """Return the warnings about samples without an outcome or an angle, and about points that the model refuses."""
     found = []
     if beyond is not None and beyond.any():
         detail = (

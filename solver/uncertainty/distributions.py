@@ -503,6 +503,5 @@ def _normal_panel() -> tuple[FloatArray, FloatArray]:
 
 
 def _hermite() -> tuple[FloatArray, FloatArray]:
-    """Return the Gauss-Hermite rule for the mean of a function of a normal variable."""
     x, w = hermegauss(NODES)
     return x, w / w.sum()

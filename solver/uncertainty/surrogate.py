@@ -168,7 +168,6 @@ def fit_expansion(inputs: Sequence[Continuous], z: FloatArray, values: FloatArra
 
 
 def _fit(basis: Basis, z: FloatArray, values: FloatArray) -> Expansion:
-    """Return the least-squares fit in a basis, with its cross-validation."""
     matrix = basis.at(z)
     orthogonal, triangle = np.linalg.qr(matrix)
     inverse = np.linalg.inv(triangle)

@@ -151,8 +151,6 @@ class TrajectoryStudy:
         )
 
     def _exits(self, found: list[list[Ending]], weights: FloatArray, outcome: Outcome) -> ExitQuantiles:
-        """Return the quantiles of each quantity of an exit, over the samples with the given outcome."""
-
         def quantity(each: Ending, name: str) -> float:
             left = each.outcome == outcome.value and each.exit is not None
             return getattr(each.exit, name) if left else math.nan
@@ -160,8 +158,6 @@ class TrajectoryStudy:
         return self._quantiles_by_name(found, weights, EXIT_QUANTITIES, quantity)
 
     def _flights(self, found: list[list[Ending]], weights: FloatArray, outcome: Outcome) -> FlightQuantiles:
-        """Return the quantiles of the flight distances, over the samples with the given outcome."""
-
         def quantity(each: Ending, name: str) -> float:
             return getattr(each, name) if each.outcome == outcome.value else math.nan
 
