@@ -41,7 +41,7 @@ from solver.warnings import body_warnings
 Result = TypeVar("Result")
 Answer = TypeVar("Answer", AngleUncertainty, TrajectoryUncertainty)
 
-# At this interval, linear interpolation of the probability is off by at most 0.015 for the paper's strike.
+# At this interval, linear interpolation of the probability is off by at most 0.005 for the paper's strike.
 USUAL_ANGLES = np.radians(np.linspace(5.0, 85.0, 161))
 """Default angles for the probability of ricochet: every 0.5° over the default range of a search. [rad]"""
 

@@ -41,7 +41,7 @@ ATTACK = math.radians(1.0)
 """Standard deviation of the angle of attack. [rad]"""
 THEORY_LAWS: tuple[type[ElasticPlastic | MohrCoulomb], ...] = (ElasticPlastic, MohrCoulomb)
 """Decay laws from which the theory is selected if it is an uncertain input."""
-# The weights are a judgement; with equal weights the ends of the 90 % range of the paper's strike are at most 0.8°
+# The weights are a judgement; with equal weights the ends of the 90 % range of the paper's strike are about 0.8°
 # lower. Elastic-plastic decay with eq. 9 gives the paper's angle. Mohr-Coulomb decay follows finite element motions
 # more closely, and its S(θ) was fitted to them. The law without decay neglects the free surface and serves for
 # comparison only.

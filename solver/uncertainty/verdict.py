@@ -38,7 +38,7 @@ from solver.warnings import ModelWarning
 SAMPLES, HALF_WIDTH = 1024, 0.05
 """Budget of samples, and half width of the intervals of probabilities at which sampling ends. [1, 1]"""
 # Between two such angles, the probability for the paper's strike rises by 0.07 at most, and linear interpolation is off
-# by 0.015, less than the half width of the intervals. The requested oblique angle is one of these angles if
+# by 0.005 at most, far less than the half width of the intervals. The requested oblique angle is one of these angles if
 # the search covers it.
 STEP_DEG = 0.5
 """Interval between angles at which the probability is computed. [°]"""
