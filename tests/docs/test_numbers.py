@@ -257,10 +257,13 @@ CLAIMS: dict[str, Callable[[], Numbers]] = {
     ),
     "the long projectile of the paper reaches {} GPa at its critical angle": lambda: bending(48.6, PAPER_VELOCITY)[:1],
     "a bending stress of {} GPa in the paper's projectile": lambda: bending(48.6, PAPER_VELOCITY)[:1],
-    "The three available laws give {}°, {}° (the default) and {}° (no decay)": lambda: tuple(
-        angle(resistance=Resistance(free_surface=each)) for each in (MohrCoulomb(), ElasticPlastic(), NoFreeSurface())
+    "The three available laws, Mohr-Coulomb, elastic-plastic (the default) and none, give {}°, {}° and {}°": lambda: (
+        tuple(
+            angle(resistance=Resistance(free_surface=each))
+            for each in (MohrCoulomb(), ElasticPlastic(), NoFreeSurface())
+        )
     ),
-    "law gives {}° with the S(θ) that was fitted together with it": lambda: (
+    "Mohr-Coulomb gives {}° with the S that was fitted together with it": lambda: (
         angle(resistance=with_own_fit(MohrCoulomb())),
     ),
     "the defaults of ricochet give {}°": lambda: (angle(),),
