@@ -440,8 +440,11 @@ def read_settings(**fixed: Any) -> "Settings":
     except ValidationError as error:
         lines = []
         for each in error.errors():
-            name = str(each["loc"][0]) if each["loc"] else ""
-            # The message names the flag or the variable that the user has set, not the field of the model.
-            origin = f"--{name.replace('_', '-')}" if name in fixed else f"RICOCHET_{name.upper()}"
-            lines.append(f"{origin}: {worded(each)}")
+            # The message names the flag or the variable that the user has set, not the field of the model. An error of
+            # several settings has no location and names them itself.
+            origin = "".join(
+                f"--{name.replace('_', '-')}: " if name in fixed else f"RICOCHET_{name.upper()}: "
+                for name in map(str, each["loc"][:1])
+            )
+            lines.append(f"{origin}{worded(each)}")
         raise UsageError("\n".join(lines)) from None

@@ -6,6 +6,7 @@ import math
 import re
 import sys
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -357,8 +358,9 @@ def print_warnings(warnings: Iterable[Mapping[str, Any]], *, verbose: bool) -> N
             print(f"standing notes: {'; '.join(warning['detail'] for warning in standing)}", file=sys.stderr)
     elif special:
         counted = "1 warning" if len(special) == 1 else f"{len(special)} warnings"
-        codes = ", ".join(dict.fromkeys(warning["code"] for warning in special))
-        print(f"{counted} (-v explains): {codes}", file=sys.stderr)
+        counts = Counter(warning["code"] for warning in special)
+        codes = (code if count == 1 else f"{code} ({count} times)" for code, count in counts.items())
+        print(f"{counted} (-v explains): {', '.join(codes)}", file=sys.stderr)
 
 
 def _apart(warnings: Iterable[Mapping[str, Any]]) -> tuple[list[Mapping[str, Any]], list[Mapping[str, Any]]]:

@@ -126,6 +126,7 @@ def test_second_service_on_a_folder_is_refused(tmp_path: Path) -> None:
         ("RICOCHET_DATA_DIR", "'~/x'", [], "RICOCHET_DATA_DIR: has quotes around it: '~/x'; leave them out"),
         ("RICOCHET_HOST", '"127.0.0.1"', [], "RICOCHET_HOST: has quotes around it"),
         ("RICOCHET_AUDIT_LOG", '"audit.log"', [], "RICOCHET_AUDIT_LOG: has quotes around it"),
+        ("RICOCHET_EXECUTOR", "dask", [], "ricochet serve: RICOCHET_EXECUTOR=dask needs RICOCHET_DASK_SCHEDULER"),
     ],
 )
 def test_invalid_setting_is_named(

@@ -214,6 +214,12 @@ def test_notes_that_most_answers_have_are_printed_on_request(
     assert {line.partition(":")[0] for line in capsys.readouterr().err.splitlines()} == {"warning", "standing notes"}
 
 
+def test_codes_of_warnings_add_up_to_their_number(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["cra", "strike.toml", "--angle", "30", "--thickness", "0.5"]) == 0
+    line = capsys.readouterr().err
+    assert line == "3 warnings (-v explains): rear_face_unconservative (2 times), bends\n"
+
+
 @pytest.mark.parametrize(
     ("words", "begin"),
     [
