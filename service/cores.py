@@ -12,7 +12,7 @@ MEMBERSHIP = Path("/proc/self/cgroup")
 
 
 def available_cores(control_groups: Path = CONTROL_GROUPS, membership: Path = MEMBERSHIP) -> int:
-    """Number of cores that this process may use, within the quota of its container or systemd unit."""
+    """Return the number of cores that this process may use, within the quota of its container or systemd unit."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     groups = {"": "", "cpu": ""}
     with suppress(OSError, ValueError):

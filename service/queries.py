@@ -149,7 +149,8 @@ IMPLAUSIBLE_MARK = f'"code":"{IMPLAUSIBLE}"'.encode()
 """Bytes that the JSON of an answer contains if and only if it has the warning `implausible`. Searching for them is
 cheaper than parsing every answer."""
 MAX_WAITING = 1000
-"""Default limit on the number of single queries that wait for a worker: at 10 ms each, a few seconds of work."""
+"""Default limit on the number of single queries that wait for a worker: at 10 ms each, they keep one worker
+busy for 10 s."""
 QUEUE_SECONDS = 30.0
 """Default queue timeout of a single query, shorter than the 60 s after which proxies give up. [s]"""
 
@@ -276,7 +277,10 @@ class QueryService:
         begun: Callable[[], None] = lambda: None,
         longest: float | None = None,
     ) -> "Chunk":
-        """Compute and store a chunk of cases. From this call on, other requests share its computations.
+        """Compute and store a chunk of cases.
+
+        From this call on, other chunks share its computations. Single queries share them once a worker has taken the
+        chunk.
 
         Parameters
         ----------

@@ -30,7 +30,7 @@ def missing_package(feature: str, package: str, extra: str) -> str:
 
 
 def built_manual() -> Path:
-    """Folder `build/manual` beside the packages."""
+    """Return the folder `build/manual` beside the packages."""
     return Path(__file__).parents[1] / "build" / "manual"
 
 

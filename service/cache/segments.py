@@ -39,7 +39,7 @@ SEGMENT_BYTES = 16 * 1024 * 1024
 """Largest size of the histories and texts of a segment of several results [bytes]. The whole segment is read and
 decompressed even to return a single result."""
 MOST_REMEMBERED = 100_000
-"""Largest number of segments remembered as intact, which takes some 20 MB. When it is reached, all are forgotten and
+"""Largest number of segments remembered as intact, which takes some 25 MB. When it is reached, all are forgotten and
 read again at their next check."""
 
 Segment: TypeAlias = tuple[Sequence[str], bytes]
@@ -269,7 +269,7 @@ class Segments:
         Raises
         ------
         DamagedFileError
-            If the content does not match the name.
+            If the content does not match the name, or is not a segment of this version.
         OSError
             If the file cannot be read.
         """

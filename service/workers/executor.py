@@ -76,7 +76,7 @@ class Executor(ABC):
         Raises
         ------
         PoolUnavailableError
-            If no worker can be started.
+            If a worker cannot be started.
         """
 
     @abstractmethod

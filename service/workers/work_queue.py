@@ -138,7 +138,7 @@ class WorkQueue:
         self._chunks: dict[Work, Callable[[], None]] = {}
         """Running chunks that have not been interrupted, each with the function that interrupts it for other work."""
         self.unavailable = ""
-        """Reason why the pool has no worker; empty if it has one, or one is being started."""
+        """Reason why the pool has no worker: the latest failed start; empty if it has one, or none has failed yet."""
         self.singles = 0
         """Number of waiting single calls."""
 

@@ -70,8 +70,8 @@ new template process would then load the new code."""
 STOP = b"stop"
 """Message that asks a worker to skip the calls it has not begun; echoed as acknowledgement."""
 BEGUN = b"begun"
-"""Message that a worker sends before it reads a list of calls. A worker that dies without having sent it was not killed
-by a call."""
+"""Reply that a worker sends before it reads the body of a message, such as a list of calls. A worker that dies without
+having sent it was not killed by a call."""
 LENGTH = struct.Struct("!Q")
 """Header of every message: its length, without this header. [bytes]"""
 NUMBER = struct.Struct("!Q")
