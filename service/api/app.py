@@ -157,6 +157,8 @@ def create_app(settings: Settings | None = None, clock: Clock = SYSTEM) -> FastA
 
     Raises
     ------
+    KeysUnreadableError
+        If the file of the keys exists but cannot be read.
     MissingExtraError
         If traces are enabled and the extra `telemetry` is not installed.
     """

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 router = APIRouter(dependencies=[RUN], include_in_schema=False)
 ENVELOPE_DEPTH = 5
-"""Number of levels of nesting that a message adds around the request of a tool, with a margin of one or two."""
+"""Number of levels of nesting that a message adds around the request of a tool, with a margin of two or three."""
 
 
 def is_installed() -> bool:

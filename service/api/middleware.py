@@ -40,8 +40,8 @@ class RefusalMiddleware:
     """Reads the rest of a refused body before the response is sent.
 
     Many clients read the response only after they have sent everything. Closing a socket with unread data resets the
-    connection, and the reset destroys the response in the client's buffer. Beyond the limits the response is sent at
-    once, and the connection is closed after it.
+    connection, and the reset destroys the response in the client's buffer. A body that is declared longer than
+    `DRAIN_BYTES` is not read. If the body is not read to its end, the connection is closed after the response.
     """
 
     def __init__(self, app: ASGIApp) -> None:
