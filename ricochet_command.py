@@ -1,6 +1,7 @@
 """Entry point of the `ricochet` command.
 
-Its packages are called `service` and `solver`, names that other projects use too, so it checks that it imports its own.
+The packages of ricochet are called `service` and `solver`, names that other projects use too. Before `main` imports
+them, it checks that Python would find those of ricochet.
 """
 
 import sys

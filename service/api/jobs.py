@@ -1,4 +1,4 @@
-"""Routes of jobs: state, results in all media types, events, cancellation and deletion."""
+"""Routes of jobs: list, state, title, results in all media types, events, cancellation and deletion."""
 
 import binascii
 from base64 import urlsafe_b64decode, urlsafe_b64encode

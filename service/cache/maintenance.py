@@ -42,8 +42,8 @@ def verify(folder: Path) -> Verified:
     Raises
     ------
     UnusableFolderError
-        If there are no results, the disk fails, or a running service holds the folder. `rebuild` and `evict` raise it
-        for the same reasons.
+        If there are no results, the disk fails, a running service holds the folder, or another version has written it.
+        `rebuild` and `evict` raise it for the same reasons.
     """
     with _results_of(folder) as cache:
         damaged = cache.verify()

@@ -195,7 +195,6 @@ class Executor(ABC):
             work.fail(error)
 
     async def _finished(self, work: Work) -> list[CallResult]:
-        """Queue work and wait for its results."""
         if self.stopping:
             raise PoolUnavailableError("the service is stopping")
         # Without a worker in the pool, work is refused at once rather than after its timeout in the queue.

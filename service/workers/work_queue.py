@@ -267,7 +267,7 @@ class WorkQueue:
         return None
 
     def _charge(self, work: Work) -> None:
-        """Advance the virtual time of the owner by the cost of the work."""
+        """Advance the virtual time of the owner by the cost of the unfinished calls."""
         self._now = max(self._now, self._times[work.owner])
         self._times[work.owner] += work.cost_left
         # An owner without work whose virtual time has passed would start at the present time anyway. Such owners are

@@ -44,10 +44,7 @@ class WorkerDiedError(Exception):
 
 
 class Messages(asyncio.BufferedProtocol):
-    """Protocol that splits the bytes of a socket into messages.
-
-    Large messages are read into buffers of their own, so that the megabytes of a history are not copied.
-    """
+    """Protocol that splits the bytes of a socket into messages."""
 
     def __init__(self) -> None:
         self.closed = False
