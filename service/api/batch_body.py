@@ -41,7 +41,7 @@ from solver import ParameterError
 from solver.units import whole_number, written_in
 
 CASES_AT_ONCE = 200
-"""Number of cases validated in one call, which takes about 5 ms."""
+"""Number of cases validated in one call, which takes 5 to 10 ms."""
 CHECKED_AT_ONCE = 50
 """Number of cases that a worker checks in one call. A call takes a few milliseconds, and single queries wait for it."""
 CHECK_COST = 0.01
