@@ -408,7 +408,7 @@ def main() -> int:
     print(
         f"{1e3 * longest:.1f} ms of wall time (target: {1e3 * TARGET_SECONDS:.0f} ms); {failed} answers had status 500."
     )
-    print(f"Resident memory {before:.0f} MB before, {after:.0f} MB after.")
+    print(f"Resident memory {before:.0f} MiB before, {after:.0f} MiB after.")
     return 1 if failed else 0
 
 

@@ -440,7 +440,7 @@ def main() -> int:
     for what, sizes in (("server", [each[0] for each in warm]), ("server and workers", [each[1] for each in warm])):
         farthest, grown = max(abs(size / sizes[0] - 1.0) for size in sizes), growth(sizes)
         worst = max(worst, grown)
-        said = f"{sizes[0]:.0f} MB, {sizes[-1]:.0f} at the end, growth {grown:+.1%}, farthest {farthest:.1%}"
+        said = f"{sizes[0]:.0f} MiB, {sizes[-1]:.0f} at the end, growth {grown:+.1%}, farthest {farthest:.1%}"
         rows += [(f"memory, {what}", said)]
     rows += [("open files", f"{warm[0][2]}, {warm[-1][2]} at the end"), ("faults", len(record.faults))]
     if not judged:

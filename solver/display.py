@@ -163,7 +163,7 @@ def card(title: str, rows: Mapping[str, str], warnings: Iterable[Warned] = (), m
 
 def new_figure(width: float, height: float) -> Any:
     """Create a pyplot figure; its size is in inches."""
-    pyplot = optional("matplotlib.pyplot", "plot()", "columns() gives what it shows as arrays")
+    pyplot = optional("matplotlib.pyplot", "plot()", "columns() returns the plotted data as arrays")
     figure = pyplot.figure(figsize=(width, height), layout="constrained")
     figure._ipython_display_ = partial(_show_once, figure)
     return figure
@@ -278,7 +278,7 @@ def plot_search(trials: Columns, title: str, angle: float | None, ax: Any) -> Fi
         for fine, face in ((True, color), (False, "none")):
             rows = (trials["outcome"] == outcome) & (trials["fine"] == fine)
             if rows.any():
-                label = outcome.replace("_", " ") + ("" if fine else ", rough")
+                label = outcome.replace("_", " ") + ("" if fine else ", coarse")
                 position = trials["final_position"][rows]
                 panel.plot(
                     degrees[rows], position, "o", markeredgecolor=color, markerfacecolor=face, color=color, label=label

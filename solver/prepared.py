@@ -186,7 +186,7 @@ def prepare(
             target.thickness >= least,
             "target.thickness",
             "must be at least a tenth of the diameter, {}, got {}: a thinner plate fails by bending and tearing, which "
-            "the model does not have",
+            "the model does not include",
             Amount(least, "mm"),
             Amount(target.thickness, "mm"),
         )

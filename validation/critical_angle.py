@@ -59,7 +59,7 @@ def search_section(progress: Progress) -> Section:
         title="Figures 13 and 14: search for the critical angle",
         text=paragraphs(
             f"""
-            Both searches of the paper, by its own means: 12,000 surface elements, steps of 0.01 ms, eq. 9,
+            Both searches of the paper, with its own method: 12,000 surface elements, steps of 0.01 ms, eq. 9,
             from 40° and 60° until two angles in a row differ by less than 1 %. Position is the depth of the
             nose tip, at 5 ms for the search and at 3.2 ms for Figure 14. Filled marks are turned away,
             hollow ones are not: as the paper decides it, by which side of the face the tip is on in the
@@ -72,7 +72,7 @@ def search_section(progress: Progress) -> Section:
             bends sharply where the outcome changes. At 3.2 ms the tip is still inside in some of the
             strikes that are turned away by 5 ms: Figure 14 cannot be what the search goes by.
 
-            Ours, `outcome`, needs no instant to look at: it brackets the change between embedded and turned
+            Our search, `outcome`, needs no such instant: it brackets the change between embedded and turned
             away to 0.01°, on the adaptive route. All three are compared with the paper's 1 %, which is
             0.48°. No measured critical angle of a rigid body on concrete is known to us.
             """

@@ -21,7 +21,7 @@ MOST_COMPARED = 20
 """Largest number of strength factors to compare, an arbitrary choice: more curves cannot be told apart in a plot."""
 
 StrengthFactorValue = Annotated[
-    Num, Field(ge=0.1, le=1000.0, description="Strength factor. Measured ones lie between some 5 and 25. [1]")
+    Num, Field(ge=0.1, le=1000.0, description="Strength factor. Most measured ones lie between 5 and 25. [1]")
 ]
 StandardError = Annotated[Num, Field(ge=0.0, description="Standard error of the strength factor. [1]")]
 ConfidenceInterval = Annotated[
