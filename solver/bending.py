@@ -38,8 +38,7 @@ first; rounding may add one."""
 STATIONS = 4
 """Number of Gauss points along each stretch of the outline in a slice."""
 # This number of points is exact for lines and for arcs centred on the axis. For ogives it is accurate to 1e-9 if ψ is
-# at least 1, and to 3e-5 if the nose is blunter. The slice with the corner between a cap flatter than a hemisphere and
-# the shank is off by about 0.5 %, because the integral is not split there.
+# at least 1, and to 3e-5 if the nose is blunter.
 GAUSS_POINTS = 8
 """Number of Gauss points for the inertia of a slice."""
 # Near rest nearly all of the resistance is static. Its direction follows a velocity close to zero, which depends on the
@@ -261,7 +260,11 @@ def _radii(projectile: Projectile, x: FloatArray) -> FloatArray:
 def _inertia(projectile: Projectile, center: float, front: float, rear: float) -> tuple[float, float, float]:
     """Return volume, first moment and second moment of a slice about the centre of gravity. [m³, m⁴, m⁵]"""
     begin, end = center - front, center - rear
-    kinks = [piece.x_end if not isinstance(piece, Arc) else piece.x_center for piece in projectile.outline()]
+    # The radius is smooth where an arc passes its centre, so only the ends of the pieces divide the integral.
+    kinks = [
+        piece.x_center - piece.radius * math.sin(piece.angle_end) if isinstance(piece, Arc) else piece.x_end
+        for piece in projectile.outline()
+    ]
     t, w = gauss_rule(GAUSS_POINTS).T
     total = np.zeros(3)
     for first, last in pairwise(sorted({begin, end, *(kink for kink in kinks if begin < kink < end)})):

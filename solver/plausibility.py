@@ -111,7 +111,9 @@ def check_walls(
     walls = sorted(passed, key=lambda each: each[0])
     if walls and walls[-1][0] > most:
         return (
-            implausible(f"{quantity(walls[-1][0], 'm')} are perforated, and {quantity(most, 'm')} use up its energy"),
+            implausible(
+                f"{quantity(walls[-1][0], 'm')} are perforated, although {quantity(most, 'm')} use up its energy"
+            ),
         )
     rises = (after.speed - before.speed for (_, before), (_, after) in itertools.pairwise(walls))
     if _is_head_on(impact) and max(rises, default=0.0) > MOST_RISE * impact.velocity:

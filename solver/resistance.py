@@ -590,7 +590,7 @@ def _posterior(
     exponent = PublishedTests.law.diameter_exponent
 
     def factor_of(shot: Shot) -> float:
-        body = _body_of(shot, projectile)
+        body = body_of(shot, projectile)
         factor = strength_factor_of_depth(
             projectile=body,
             target=target,
@@ -673,7 +673,7 @@ def _likely_slip(
     return text, (amount,)
 
 
-def _body_of(shot: Shot, projectile: Projectile) -> Projectile:
+def body_of(shot: Shot, projectile: Projectile) -> Projectile:
     """Return the projectile of a shot: that of the strike, scaled to the diameter and with the mass of the shot."""
     mass = projectile.mass if shot.mass is None else shot.mass
     scale = 1.0 if shot.diameter is None else shot.diameter / projectile.diameter

@@ -111,22 +111,24 @@ def integrate_fixed(
     loaded = accelerate(state, model, work.scratch, work.start)
     # Without the factor, rounding could add a step if the termination time is a whole number of steps.
     count = math.ceil(end_time / time_step * (1.0 - 1e-12))
+    evaluations = 1
     for index in range(count):
         time = index * time_step
         if not may_step(control):
-            return Termination.CANCELLED.value, time, deepest, index, 4 * index, gain
+            return Termination.CANCELLED.value, time, deepest, index, evaluations, gain
         step = min(time_step, end_time - time)
         _attempt_fixed_step(state, step, model, work)
         was_loaded, loaded = loaded, accelerate(work.trial, model, work.scratch, work.end)
+        evaluations += 4
         before, energy = energy, kinetic_energy(work.trial, body) - lasting
         # The panel method applies the full static stress at any velocity, so near rest the load changes sign from step
         # to step, and adds energy to the body.
         enough = min(_impulse_energy(work.end, step, body), UNRESOLVED_ENERGY * initial_energy)
         if before < energy < enough:
-            return Termination.REST.value, time, deepest, index, 4 * index, gain
+            return Termination.REST.value, time, deepest, index, evaluations, gain
         gain = max(gain, (energy - before) / initial_energy)
         if energy > MOST_ENERGY * initial_energy:
-            return Termination.NOT_FINITE.value, time, deepest, index, 4 * index, gain
+            return Termination.NOT_FINITE.value, time, deepest, index, evaluations, gain
         row = steps[index if steps.shape[0] > 1 else 0]
         store_step(row, time, step, state, work)
         end = end_of_step(row, model, work, was_loaded, loaded, energies, start[2], index == count - 1, event)
@@ -135,10 +137,10 @@ def integrate_fixed(
             deepest = max(deepest, greatest_depth(row, until, body, work.point))
         if end != Termination.NONE:
             assign(event[1:], state)
-            return end.value, event[0], deepest, index + 1, 4 * index + 4, gain
+            return end.value, event[0], deepest, index + 1, evaluations, gain
         assign(work.trial, state)
         assign(work.end, work.start)
-    return Termination.TIME.value, end_time, deepest, count, 4 * count, gain
+    return Termination.TIME.value, end_time, deepest, count, evaluations, gain
 
 
 STAGES = 4

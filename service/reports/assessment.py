@@ -412,13 +412,14 @@ def _warnings(strike: Assessed) -> list[tuple[tuple[str, str, str], bool]]:
     """
     of_strike = {each["detail"] for each in (_answered(strike, "judged") or {}).get("warnings", ())}
     of_search = {each["detail"] for each in strike.answers["cra"]["warnings"]}
-    found = [
-        (
-            (each.code, each.detail, KEYS["judged" if each.detail in of_strike - of_search else "cra"]),
-            each.standing,
-        )
-        for each in strike.verdict.warnings
-    ]
+    of_wall = {each["detail"] for each in (_answered(strike, "wall") or {}).get("warnings", ())}
+
+    def source(detail: str) -> str:
+        if detail in of_strike - of_search:
+            return "judged"
+        return "wall" if detail in of_wall - of_search else "cra"
+
+    found = [((each.code, each.detail, KEYS[source(each.detail)]), each.standing) for each in strike.verdict.warnings]
     codes = {each.code for each in strike.verdict.warnings}
     for name in (*RUNS, "wall", "uncertainty"):
         for warning in (_answered(strike, name) or {}).get("warnings", ()):

@@ -24,7 +24,7 @@ from service.schemas.quantities import Flag, Num, Part, degrees, with_examples
 from service.schemas.requests import CriticalAngleBase, ReportRequest
 from service.schemas.resistance import FreeSurfaceModel
 from service.schemas.uncertain_inputs import SCATTER, UncertainInput
-from service.schemas.wall import WallDesign, design_in, protrusion_in, wall_in
+from service.schemas.wall import WallDesign, design_in, protrusion_in, wall_in, warning_in
 from solver import (
     ENGINE_VERSION,
     Outcome,
@@ -227,9 +227,9 @@ class VerdictAnswer(Part):
     usual_scatter: list[UncertainInput]
     """Usual scatter of the inputs, in the form of `/cra/uncertainty`."""
     warnings: list[ModelWarning]
-    """Warnings of the strike at the oblique angle, then of the search. If there is a 90 % range, each warning of the
-    search with a known effect has an `angle_shift_deg`, and is a standing note if this shift is at most a quarter of
-    the range."""
+    """Warnings of the strike at the oblique angle, then of the search, then about own tests that went deeper than the
+    formulas for a wall. If there is a 90 % range, each warning of the search with a known effect has an
+    `angle_shift_deg`, and is a standing note if this shift is at most a quarter of the range."""
     keys: VerdictKeys
     engine_version: EngineVersion
 
@@ -276,7 +276,7 @@ def found_in(request: ReportRequest, question: Question, answer: Mapping[str, An
     return Ended(
         Outcome(answer["outcome"]),
         protrusion_in(answer),
-        tuple(map(_warning, answer["warnings"])),
+        tuple(map(warning_in, answer["warnings"])),
         _flight_in(request, answer),
     )
 
@@ -301,7 +301,7 @@ def _search_in(answer: Mapping[str, Any]) -> solver.CriticalAngle:
         bracket=None,
         iterations=(),
         other_crossings=tuple(map(math.radians, answer["other_crossings_deg"])),
-        warnings=tuple(map(_warning, answer["warnings"])),
+        warnings=tuple(map(warning_in, answer["warnings"])),
         standard_error=_radians(answer.get("critical_angle_standard_error_deg")),
     )
 
@@ -316,16 +316,6 @@ def _spread_in(study: Mapping[str, Any], oblique_angle: float | None) -> Spread:
         [angle_in(each) for each in by_theory],
         zip(angles, curve["ricochet_probability"], curve["lower"], curve["upper"], strict=True),
         oblique_angle,
-    )
-
-
-def _warning(found: Mapping[str, Any]) -> solver.ModelWarning:
-    """Convert a warning in an answer to a warning of the solver."""
-    return solver.ModelWarning(
-        found["code"],
-        found["detail"],
-        standing=found.get("standing", False),
-        angle_shift=_radians(found.get("angle_shift_deg")),
     )
 
 

@@ -1,5 +1,6 @@
 """Models of the verdict on a wall: request and answer."""
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Self
 
@@ -8,6 +9,7 @@ from pydantic import MISSING
 import solver
 from service.schemas.answers import VERSIONED, WARNING, EngineVersion, Key, ModelWarning, Protrusion
 from service.schemas.fields import NOT_TABLED, walk
+from service.schemas.numerics import Method
 from service.schemas.quantities import Flag, Num, Part, Units, with_examples
 from service.schemas.requests import Case
 from service.schemas.strike import PAPER, PAPER_AT_45, Impact
@@ -24,16 +26,26 @@ QUESTIONS = ("perforation", "scabbing")
 
 
 class WallRequest(Case):
-    """A strike on a wall. Without `target.thickness_m` the answer has design values and limits, but no outcome."""
+    """A strike on a wall. Without `target.thickness_m` the answer has design values and limits, but no outcome.
+
+    The method is always `adaptive`.
+    """
 
     model_config = with_examples(PAPER_AT_45, PAPER_AT_45 | {"target": PAPER["target"] | {"thickness_m": 0.45}})
 
     impact: Impact
     units: Units = UnitSystem.SI
 
+    @property
+    def by_panels(self) -> bool:
+        """False: a verdict takes about a hundred runs, and those with panels take seconds."""
+        return False
+
     def resolved(self) -> Self:
-        """Return the request with defaults filled in, except for the tolerances of its searches and its run."""
-        return self.adaptive(termination_time_s=self.usual_termination_time(self.impact.velocity_m_s))
+        """Return the request with the adaptive method and with defaults, except for the tolerances of the searches."""
+        numerics = self.numerics.model_copy(update={"method": Method.ADAPTIVE})
+        adaptive = self.model_copy(update={"numerics": numerics})
+        return adaptive.adaptive(termination_time_s=self.usual_termination_time(self.impact.velocity_m_s))
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of `solver.uncertainty.judge_wall`.
@@ -184,7 +196,19 @@ def wall_in(request: Case, answer: Mapping[str, Any], oblique_angle: float) -> W
         variants=RearFaceVariants(**{name: variants.get(name) for name in Variants.model_fields}),
         outcome=Outcome(answer["outcome"]) if "outcome" in answer else None,
         protrusion=protrusion_in(answer),
+        warnings=tuple(map(warning_in, answer["warnings"])),
         sentence=answer["sentence"],
+    )
+
+
+def warning_in(found: Mapping[str, Any]) -> solver.ModelWarning:
+    """Convert a warning in an answer to a warning of the solver."""
+    shift = found.get("angle_shift_deg")
+    return solver.ModelWarning(
+        found["code"],
+        found["detail"],
+        standing=found.get("standing", False),
+        angle_shift=None if shift is None else math.radians(shift),
     )
 
 

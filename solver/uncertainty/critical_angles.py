@@ -461,10 +461,12 @@ def _warnings(
     if tables.failed:
         detail = f"{tables.failed} of {tables.samples} samples could not be computed; they count as not known"
         found.append(ModelWarning("samples_failed", detail))
-    if answer.share_without.value > 0.0 and answer.mean is not None:
-        detail = (
-            f"{100.0 * answer.share_without.value:.3g} % of the samples have no critical angle: mean, standard "
-            "deviation and quantiles are of the others"
-        )
+    if answer.share_without.value > 0.0 and answer.quantiles:
+        share = f"{100.0 * answer.share_without.value:.3g}"
+        share = "more than 99.9" if share == "100" else share
+        given = "quantiles are of the others, too few for a mean"
+        if answer.mean is not None:
+            given = "mean, standard deviation and quantiles are of the others"
+        detail = f"{share} % of the samples have no critical angle: {given}"
         found.append(ModelWarning("samples_without_angle", detail))
     return tuple(found)

@@ -270,7 +270,9 @@ class AngleUncertainty(ComparedByFields):
 
     def _summary(self) -> str:
         if self.mean is None or self.standard_deviation is None:
-            return f"no critical angle in {self.samples} samples"
+            # Samples of a single scrambling have quantiles, but no mean.
+            found = "too few critical angles" if self.quantiles else "no critical angle"
+            return f"{found} in {self.samples} samples"
         middle, deviation = np.degrees((self.mean.value, self.standard_deviation.value))
         levels = dict(self.quantiles)
         low, high = (np.degrees(levels[level].value) for level in (LEVELS[0], LEVELS[-1]))

@@ -31,7 +31,7 @@ from solver.uncertainty.weighed_warnings import (
     weighed,
     with_probe,
 )
-from solver.warnings import ModelWarning
+from solver.warnings import DEEPER_THAN_FORMULAS, ModelWarning
 
 # With two theories a study takes 270 searches if the surrogate fits, and 526 otherwise. Another round would exceed this
 # budget.
@@ -194,8 +194,9 @@ class Verdict:
     wall_failed: bool = False
     """True if the target has a thickness, but the strikes on its wall could not be computed."""
     warnings: tuple[ModelWarning, ...] = ()
-    """Warnings about the strike at the requested oblique angle and about the search. If there is a range, warnings
-    whose effect on the critical angle is at most a quarter of its width are standing notes."""
+    """Warnings about the strike at the requested oblique angle, about the search, and about own tests that went deeper
+    than the formulas for a wall. If there is a range, warnings whose effect on the critical angle is at most a quarter
+    of its width are standing notes."""
 
     @property
     def range_text(self) -> str:
@@ -532,6 +533,7 @@ def verdict_steps(
     ended: Ended = found.get("judged") or Ended()
     held = next(iter(moved.get(HELD, ())), None)
     spread = range_held_earlier(range_with(judging.range, searched.angle), searched.angle, held)
+    wall: WallVerdict | None = found.get("wall")
     return Verdict(
         status=searched.status,
         angle=searched.angle,
@@ -551,10 +553,14 @@ def verdict_steps(
         protrusion=ended.protrusion,
         flight=ended.flight,
         probability=judging.probability,
-        wall=found.get("wall"),
-        wall_failed="wall" in asked and found.get("wall") is None,
-        warnings=with_those_of_strike(
-            ended.warnings, weighed(searched.warnings, angle=searched.angle, spread=spread, moved=moved)
+        wall=wall,
+        wall_failed="wall" in asked and wall is None,
+        warnings=(
+            *with_those_of_strike(
+                ended.warnings, weighed(searched.warnings, angle=searched.angle, spread=spread, moved=moved)
+            ),
+            # The other warnings about the wall concern the search for a least thickness, which the verdict omits.
+            *(each for each in (wall.warnings if wall else ()) if each.code == DEEPER_THAN_FORMULAS),
         ),
     )
 

@@ -28,7 +28,7 @@ from solver.target import Crater, ShearPlug, Target
 from solver.trajectory import simulate
 from solver.uncertainty.strikes import scaled
 from solver.units import Amount, fixed, quantity, rounded, with_symbol
-from solver.warnings import ModelWarning
+from solver.warnings import ModelWarning, own_tests_deeper_than_formulas
 
 Question: TypeAlias = Literal["perforation", "scabbing"]
 MARGINS: dict[Question, float] = {"perforation": PERFORATION_MARGIN, "scabbing": SCABBING_MARGIN}
@@ -105,7 +105,8 @@ class WallVerdict:
     characteristic_strength: float | None = None
     """Characteristic compressive strength, in the formulas; None if they use the mean. [Pa]"""
     warnings: tuple[ModelWarning, ...] = ()
-    """Warnings about the search for the least thickness with the resistance as given, and about the run on the wall."""
+    """Warnings about the search for the least thickness with the resistance as given, about own tests that went deeper
+    than by every formula, and about the run on the wall."""
 
     sentence: str = ""
     """Verdict in words."""
@@ -240,7 +241,7 @@ def judge_wall(
         Wall. Without a thickness, the verdict has only design values and the least thicknesses by the model. The
         formulas use the characteristic strength if it is given; the model uses the mean.
     resistance, numerics
-        As for `simulate`.
+        As for `simulate`, except that the method is always adaptive.
 
     Returns
     -------
@@ -267,8 +268,9 @@ def judge_wall(
     >>> print(judge_wall(projectile=projectile, target=wall, impact=Impact(velocity=136.0, oblique_angle=0.0)))
     """
     own, infinite = usual_unless_given(resistance), replace(target, thickness=None)
-    if numerics is not None and numerics.method == "panels":
-        numerics = None  # a run with panels takes seconds, and the searches below need about a hundred runs
+    if numerics is not None:
+        # A run with panels takes seconds, and the searches below need about a hundred runs.
+        numerics = replace(numerics, method="adaptive")
     characteristic = target.characteristic_strength
     if characteristic is not None:
         require(
@@ -297,13 +299,14 @@ def judge_wall(
     )
     at_0 = _design_values(projectile, design_target, along, needed=_needed(projectile)(at_normal))
     outcome, protrusion, warnings = None, None, as_given.warnings
+    warnings += own_tests_deeper_than_formulas(projectile=projectile, target=infinite, resistance=own)
     if target.thickness is not None:
         run = simulate(
             projectile=projectile, target=target, impact=impact, resistance=own, numerics=numerics, sample_interval=None
         )
         outcome = run.outcome
         protrusion = run.protrusion
-        warnings = tuple({each.code: each for each in (*as_given.warnings, *run.warnings)}.values())
+        warnings = tuple({each.code: each for each in (*warnings, *run.warnings)}.values())
         comes_out = outcome is Outcome.PERFORATED or protrusion is not None
         answers = {
             name: replace(

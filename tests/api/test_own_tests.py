@@ -16,6 +16,7 @@ from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 from .calibrations import answered
 
 SHOT = {"velocity_m_s": 238.1, "depth_m": 0.30, "mass_kg": 12.923}
+COARSE_SEARCH = {"search": {"lower_deg": 40.0, "tolerance_deg": 0.1}}
 WIDER = {"velocity_m_s": 275.7, "depth_m": 0.38, "mass_kg": 11.0, "diameter_m": 0.0762}
 LAW = OwnTests(
     shots=(Shot(velocity=238.1, depth=0.30, mass=12.923), Shot(velocity=275.7, depth=0.38, mass=11.0, diameter=0.0762))
@@ -69,6 +70,23 @@ def test_implausible_shots_cause_a_warning(
 ) -> None:
     body = with_shots(shot, case=PAPER_AT_45 | {"target": PAPER["target"] | target})
     assert code in [each["code"] for each in client.post("/trajectory", json=body).json()["warnings"]]
+
+
+@pytest.mark.parametrize(("depth", "warned"), [(0.45, True), (0.30, False)])
+def test_verdicts_warn_of_shots_deeper_than_every_formula(client: httpx.Client, depth: float, warned: bool) -> None:
+    """The largest depth by a formula is 0.36 m. The verdict on a strike repeats the warning about its wall once."""
+    walled = PAPER_AT_45 | {"target": PAPER["target"] | {"thickness_m": 0.8}}
+    body = with_shots(SHOT | {"depth_m": depth}, case=walled)
+    found = [client.post("/wall", json=body).json(), client.post("/verdict", json=body | COARSE_SEARCH).json()]
+    found.append(client.post("/wall", json=with_shots(SHOT | {"depth_m": depth}, case=PAPER_AT_45)).json())
+    details = [
+        [each["detail"] for each in answer["warnings"] if each["code"] == "own_tests_deeper_than_formulas"]
+        for answer in found
+    ]
+    assert [len(each) for each in details] == [warned] * 3
+    if warned:
+        assert details[0] == details[1]
+        assert details[0][0].startswith("shots deeper than every formula within its range gives for them: 1; shot 1 ")
 
 
 def test_search_for_a_thickness_does_not_compare_shots_with_trial_walls(client: httpx.Client) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from service.schemas import LimitSpeedAnswer, ThicknessAnswer, WallAnswer
 from service.schemas.strike import PAPER
-from solver import cea_edf_limit_speed, least_thickness, limit_velocity
+from solver import Numerics, cea_edf_limit_speed, least_thickness, limit_velocity
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 from solver.uncertainty import judge_wall
 
@@ -229,6 +229,40 @@ def test_batch_has_ranges_only_on_request(client: httpx.Client, operation: str) 
     assert {name: alone[name] for name in added} == {name: ranged[name] for name in added}
     swept = client.post(f"/{operation}/sweep", json={"base": base, "axes": [ANGLES]}).json()["results"]
     assert not added & swept[0]["result"].keys()
+
+
+def test_wall_by_panels_has_the_answer_of_the_adaptive_method_with_the_same_settings(client: httpx.Client) -> None:
+    """No run has panels, so the limit on the size of such a run does not apply."""
+    wall = PAPER | {
+        "target": PAPER["target"] | {"thickness_m": 0.35},
+        "impact": PAPER["impact"] | {"oblique_angle_deg": 50.0},
+    }
+    given = {"retention_energy_fraction": 0.3}
+    by_panels, adaptive, usual = (
+        answered(client, "/wall", wall | {"numerics": numerics})
+        for numerics in ({"method": "panels", "panels": 100_000, "time_step_s": 1e-7} | given, given, {})
+    )
+    assert {name: value for name, value in by_panels.items() if name != "key"} == {
+        name: value for name, value in adaptive.items() if name != "key"
+    }
+    assert by_panels["variants"] != usual["variants"]
+    found = judge_wall(
+        projectile=PAPER_PROJECTILE,
+        target=replace(PAPER_TARGET, thickness=0.35),
+        impact=paper_impact(oblique_angle_degrees=50.0),
+        numerics=Numerics(method="panels", retention_energy_fraction=0.3),
+    )
+    assert by_panels["sentence"] == str(found)
+
+
+def test_slow_wall_by_panels_has_the_usual_termination_time(client: httpx.Client) -> None:
+    """With panels a run ends after 50 ms by default, when a slow strike would still be in motion."""
+    slow = PAPER | {
+        "target": PAPER["target"] | {"thickness_m": 0.35},
+        "impact": {"velocity_m_s": 5.0, "oblique_angle_deg": 0.0},
+    }
+    by_panels, usual = (answered(client, "/wall", slow | {"numerics": each}) for each in ({"method": "panels"}, {}))
+    assert by_panels["key"] == usual["key"]
 
 
 def test_wall_is_judged_for_perforation_and_scabbing_as_in_the_verdict(client: httpx.Client) -> None:

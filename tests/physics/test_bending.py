@@ -23,6 +23,7 @@ from solver import (
     Projectile,
     Resistance,
     Sphere,
+    Spherical,
     Trajectory,
     mass_properties,
     simulate,
@@ -164,6 +165,31 @@ def test_nose_is_compressed_and_the_force_falls_to_zero_at_the_base() -> None:
     """In normal impact the force in a section decelerates the part of the body behind it."""
     found = bending(run_paper(strike(238.0, 0.0)))
     assert found.normal_force <= 0.0
+
+
+@pytest.mark.parametrize("caliber_radius_head", [0.6, 0.8, 1.0])
+def test_force_in_a_section_behind_a_flat_cap_is_the_share_of_the_mass_behind_it(caliber_radius_head: float) -> None:
+    """The front half has the corner between cap and shank; its volume follows from the formula for a segment."""
+    length, shank = 0.2, 0.04
+    body = Projectile(
+        nose=Spherical(caliber_radius_head=caliber_radius_head), diameter=2.0 * shank, length=length, mass=7.0
+    )
+    impact, numerics = strike(238.0, 5.0), Numerics(termination_time=2e-4)
+    resistance = Resistance(strength_factor=ConstantStrengthFactor(value=8.0))
+    case: dict[str, Any] = {"projectile": body, "target": PAPER_TARGET, "resistance": resistance}
+    prepared = prepare(**case, numerics=numerics.resolved())
+    model = prepared.model._replace(law=prepared.law_at(impact))
+    _, steps = integrate(prepared, model, impact, keep_steps=True)
+    found = bending_of(body, model, steps, with_history=False, slices=2)
+    history = simulate(**case, impact=impact, numerics=numerics, sample_interval=1e-6).history
+    assert found is not None
+    assert history is not None
+    sphere = 2.0 * shank * caliber_radius_head
+    height = sphere - math.sqrt(sphere**2 - shank**2)
+    cap, disc = math.pi * height**2 * (sphere - height / 3.0), math.pi * shank**2
+    behind = disc * length / 2.0 / (cap + disc * (length - height))
+    force = body.mass * float(np.interp(found.time, history.time, history.axial_acceleration))
+    assert found.normal_force == pytest.approx(behind * force, rel=3e-5)
 
 
 def test_bore_raises_the_stress() -> None:

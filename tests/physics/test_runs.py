@@ -48,6 +48,18 @@ def test_ricochet_ends_when_the_last_element_is_unloaded(method: Any) -> None:
     assert force[-1] < 1e-4 * force.max()
 
 
+@pytest.mark.parametrize("degrees", [30.0, 55.0, None])
+def test_evaluations_of_a_run_with_fixed_steps_are_four_for_each_step_and_one_at_the_start(
+    degrees: float | None,
+) -> None:
+    """The run that comes to rest also has a step that would go beyond rest, which does not count as a step."""
+    numerics = Numerics(method="panels", panels=1000, termination_time=1e-3 if degrees is None else None)
+    found = paper_run(degrees or 45.0, numerics=numerics)
+    ends = {30.0: Outcome.EMBEDDED, 55.0: Outcome.RICOCHET, None: Outcome.IN_MOTION}
+    assert found.outcome is ends[degrees]
+    assert found.evaluations == 4 * (found.steps + (degrees == 30.0)) + 1
+
+
 def test_run_out_of_time_is_in_motion_with_a_warning() -> None:
     found = paper_run(45.0, numerics=Numerics(termination_time=1e-3))
     assert found.outcome is Outcome.IN_MOTION

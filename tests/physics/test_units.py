@@ -124,6 +124,22 @@ def test_verdicts_on_a_wall_in_both_systems_differ_only_in_units(thickness: floa
     assert " in " in in_us.sentence
 
 
+def test_warning_about_shots_deeper_than_formulas_is_in_both_systems() -> None:
+    deep = OwnTests(shots=(Shot(velocity=238.0, depth=0.45), Shot(velocity=275.0, depth=0.50)))
+    wall: dict[str, Any] = {
+        "projectile": PAPER_PROJECTILE,
+        "target": PAPER_TARGET,
+        "impact": Impact(velocity=238.0, oblique_angle=0.0),
+        "resistance": Resistance(strength_factor=deep),
+    }
+    (in_si,) = (each.detail for each in judge_wall(**wall).warnings if each.code == "own_tests_deeper_than_formulas")
+    with written_in("us"):
+        in_us = [each.detail for each in judge_wall(**wall).warnings if each.code == "own_tests_deeper_than_formulas"]
+    check_converted(in_si, in_us[0])
+    assert "450 mm" in in_si
+    assert "17.72 in" in in_us[0]
+
+
 def test_distances_of_a_flight_are_rounded_up_in_both_systems() -> None:
     assert landing_sentence(30.2, 95.0, 1204.0).startswith("Lands about 31 m away")
     with written_in("us"):

@@ -230,6 +230,20 @@ def test_study_without_any_critical_angle_is_answered(crossings: Crossings, shar
     assert "no critical angle" in repr(answer)
 
 
+def test_samples_with_angles_in_a_single_scrambling_are_too_few_for_a_mean() -> None:
+    """A single sample has an angle, so the summary must not say that none has one."""
+    sampling = Sampling(half_width=0.05, max_samples=300)
+    least = min(x for (x,) in next(AngleStudy(EDGE, GRID, sampling, sensitivity=False).steps()).points)
+    study = AngleStudy(EDGE, GRID, sampling)
+    answer = answer_of(study, outcome(lambda x: Crossings((0.25,)) if x <= least else Crossings()))
+    assert answer.mean is None
+    assert {estimate.value for _, estimate in answer.quantiles} == {0.25}
+    assert answer.share_without.value < 1.0
+    assert f"too few critical angles in {answer.samples} samples" in repr(answer)
+    (detail,) = (warning.detail for warning in answer.warnings if warning.code == "samples_without_angle")
+    assert detail.endswith("% of the samples have no critical angle: quantiles are of the others, too few for a mean")
+
+
 def test_samples_without_an_outcome_widen_the_interval() -> None:
     def crossings(x: float) -> Crossings:
         return Crossings(problem="failed" if x < 0.05 else "outside") if x < 0.125 else Crossings((0.5,))

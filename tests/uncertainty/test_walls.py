@@ -12,13 +12,16 @@ from solver import (
     Crater,
     Flat,
     Impact,
+    Numerics,
     ObliquityPolynomial,
     Ogive,
     Outcome,
+    OwnTests,
     ParameterError,
     Projectile,
     Resistance,
     ShearPlug,
+    Shot,
     Sphere,
     Target,
     cea_edf_limit_speed,
@@ -157,6 +160,67 @@ def test_design_values_use_the_characteristic_strength_and_the_model_the_mean() 
         ParameterError, match=r"target\.characteristic_strength: must be at most the compressive strength"
     ):
         judge(FLAT, replace(concrete, characteristic_strength=50e6), 136.0)
+
+
+@pytest.mark.parametrize("settings", [{"retention_energy_fraction": 0.3}, {"termination_time": 2e-3}])
+def test_verdict_by_panels_keeps_the_other_numerical_settings(settings: dict[str, Any]) -> None:
+    """Both settings change the answer, so it would differ if they were dropped together with the method."""
+    wall = replace(PAPER_TARGET, thickness=0.35)
+    by_panels, adaptive, usual = (
+        judge(PAPER_PROJECTILE, wall, 238.0, 50.0, numerics=numerics)
+        for numerics in (Numerics(method="panels", **settings), Numerics(method="adaptive", **settings), Numerics())
+    )
+    assert by_panels == adaptive
+    assert by_panels != usual
+
+
+DEEP, SHALLOW = Shot(velocity=238.0, depth=0.45), Shot(velocity=238.0, depth=0.30)
+"""Shots that are deeper and less deep than by every formula, of which Whiffen's gives the largest depth, 0.36 m."""
+
+
+def deeper_than_formulas(*shots: Shot, **changes: Any) -> list[str]:
+    strike: dict[str, Any] = {
+        "projectile": PAPER_PROJECTILE,
+        "target": replace(PAPER_TARGET, thickness=0.8),
+        "velocity": 238.0,
+    }
+    found = judge(**(strike | changes), resistance=Resistance(strength_factor=OwnTests(shots=shots)))
+    return [each.detail for each in found.warnings if each.code == "own_tests_deeper_than_formulas"]
+
+
+def test_shots_deeper_than_every_formula_cause_a_warning() -> None:
+    (detail,) = deeper_than_formulas(SHALLOW, DEEP)
+    strike: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
+    rows = formulas(**strike, impact=Impact(velocity=238.0, oblique_angle=0.0))
+    depth, formula = max((row.penetration_depth or 0.0, row.formula) for row in rows if row.in_range)
+    assert formula == "whiffen"
+    assert detail == (
+        "shots deeper than every formula within its range gives for them: 2; shot 2 went to 450 mm, "
+        f"{0.45 / depth:.2f} times the largest depth by a formula, {1e3 * depth:.1f} mm (Whiffen): the design values, "
+        "which come from formulas, may be too thin for this concrete"
+    )
+    without_wall = deeper_than_formulas(DEEP, target=PAPER_TARGET)
+    assert without_wall == [detail.replace("them: 2; shot 2", "them: 1; shot 1")]
+
+
+def test_shots_less_deep_than_a_formula_cause_no_warning() -> None:
+    assert deeper_than_formulas(SHALLOW) == []
+    codes = [each.code for each in judge(PAPER_PROJECTILE, replace(PAPER_TARGET, thickness=0.8), 238.0).warnings]
+    assert "own_tests_deeper_than_formulas" not in codes
+
+
+def test_shots_are_compared_with_formulas_for_their_own_speed_mass_and_diameter() -> None:
+    """Formulas give 0.36 m at 238 m/s, more at a higher speed or mass, and less for a larger diameter."""
+    assert deeper_than_formulas(replace(DEEP, velocity=310.0)) == []
+    assert deeper_than_formulas(replace(DEEP, mass=26.0)) == []
+    assert len(deeper_than_formulas(replace(SHALLOW, mass=6.5))) == 1
+    assert len(deeper_than_formulas(replace(SHALLOW, diameter=0.12))) == 1
+
+
+def test_warning_names_at_most_five_shots_and_the_deepest_for_its_speed() -> None:
+    shots = [replace(DEEP, depth=0.40 + 0.01 * number) for number in range(7)]
+    (detail,) = deeper_than_formulas(*shots)
+    assert "gives for them: 1, 2, 3, 4, 5 and 2 more; shot 7 went to 460 mm" in detail
 
 
 def test_oblique_verdict_includes_values_for_normal_impact() -> None:
