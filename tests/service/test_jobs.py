@@ -6,6 +6,8 @@ import subprocess
 import sys
 import threading
 import time
+import tracemalloc
+import zlib
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
@@ -17,6 +19,7 @@ from service.errors import FolderLayoutError, QueueFullError, StorageError
 from service.jobs import store as module
 from service.jobs.models import (
     BLOCK_SIZE,
+    DECODED_BYTES,
     CaseBlock,
     CaseState,
     Idempotency,
@@ -316,3 +319,15 @@ def test_readers_do_not_wait_for_a_writer(tmp_path: Path) -> None:
     leave.set()
     writer.join()
     assert store.jobs("local")[0].revision == 77
+
+
+def test_decoded_blocks_of_large_requests_are_not_all_kept() -> None:
+    """The memory of ten blocks of 8 MB is more than twice the limit."""
+    tracemalloc.start()
+    try:
+        for number in range(10):
+            split_requests(zlib.compress(bytes([number]) * 8_000_000, 1))
+        kept, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert kept < 1.1 * DECODED_BYTES
