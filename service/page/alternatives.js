@@ -8,6 +8,10 @@ import { request } from "./service.js";
 import { inUnits } from "./units.js";
 import { degreesShown, outcomeShown, statusShown } from "./words.js";
 
+const NOTE =
+  "Each row has the inputs as given. The theories beside the verdict are other pairs: each decay with its own S over the angle (elastic-plastic with the S " +
+  "chosen, Mohr-Coulomb with that of finite elements), and the other inputs at their medians.";
+
 /** Return a collapsed section with the critical angle under other laws and, with `hasStrike`, the outcome of the strike. */
 export function lawsFold(onError, { hasStrike }) {
   const content = element("div.laws-table");
@@ -15,7 +19,7 @@ export function lawsFold(onError, { hasStrike }) {
     const post = async (path, body) => (await request(path, { body: inUnits({ ...body, alternatives: true }), signal })).data;
     const strike = { ...trajectoryRequest(values), output: { history: false } };
     const [angles, outcomes] = await Promise.all([post("cra", angleRequest(values)), hasStrike && post("trajectory", strike)]);
-    if (!signal.aborted) content.replaceChildren(alternativesTable(angles, outcomes));
+    if (!signal.aborted) content.replaceChildren(alternativesTable(angles, outcomes), element("p.quiet", {}, NOTE));
   };
   return buildFold("Under other laws", content, show, onError);
 }

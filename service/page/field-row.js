@@ -137,7 +137,7 @@ function buildArea(text, read, attributes) {
 function buildShots(field, values, read) {
   const shown = (value, si) => shownNumber(unitOf(si), value);
   const lines = (valueAt(values, field.path) ?? []).map((shot) => `${shown(shot.velocity_m_s, "m/s")}, ${shown(shot.depth_m, "mm")}`);
-  const example = [{ velocity_m_s: 250, depth_m: 0.31 }, { velocity_m_s: 300, depth_m: 0.42 }].map(shotShown);
+  const example = [{ velocity_m_s: 250, depth_m: 0.31 }, { velocity_m_s: 300, depth_m: 0.42 }].map((shot) => shotShown(shot, 3));
   const area = buildArea(lines.join("\n"), read, { rows: 4, placeholder: `none yet, as in\n${example.join("\n")}` });
   acceptDroppedFile(area);
   return area;

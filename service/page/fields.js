@@ -189,7 +189,7 @@ export function fieldShown(field, values) {
   const value = shownValue(field, values);
   if (value === undefined || value === "") return openShown(field) ?? "auto";
   if (field.choices) return field.choices[value];
-  if (field.kind === "shots") return `${value.length} own shot${value.length === 1 ? "" : "s"}: ${value.map(shotShown).join("; ")}`;
+  if (field.kind === "shots") return `${value.length} own shot${value.length === 1 ? "" : "s"}: ${value.map((shot) => shotShown(shot)).join("; ")}`;
   if (field.kind === "numbers") return linesOf(field, values).join(field.pairs ? "; " : ", ");
   return typeof value === "number" ? grouped(value) : String(value);
 }
@@ -200,7 +200,7 @@ export function linesOf(field, values) {
 }
 
 /** Format the speed and the depth of a shot. */
-export const shotShown = ({ velocity_m_s: speed, depth_m: depth }) => `${quantityShown(speed, "m/s", 6)}, ${lengthShown(depth, 6)}`;
+export const shotShown = ({ velocity_m_s: speed, depth_m: depth }, count = 6) => `${quantityShown(speed, "m/s", count)}, ${lengthShown(depth, count)}`;
 
 /** Convert a number in SI to the unit of a field, without rounding errors of floating point and conversion. */
 export const shownNumber = ({ factor }, value) => Number((value / factor).toPrecision(areUs() ? 6 : 12));

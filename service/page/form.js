@@ -141,7 +141,12 @@ export class CaseForm {
     this.onHold?.();
     for (const panel of this.panels) panel.hold();
     markStale(...this.parts());
-    const [missing] = this.rows.filter(({ field, input }) => field.kind === "shots" && !input.value);
+    this.announceMissing();
+  }
+
+  /** Say that the user's own shots are missing, unless they are there or not used. */
+  announceMissing() {
+    const missing = this.rows.find(({ field, input }) => field.kind === "shots" && !input.value);
     if (missing) announce(`${missing.field.label}: none yet.`);
   }
 
@@ -150,6 +155,7 @@ export class CaseForm {
     this.hold();
     for (const panel of this.panels) panel.clear();
     clearParts(...this.parts());
+    this.announceMissing();
     showText(this.problem, text);
   }
 

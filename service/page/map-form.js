@@ -148,7 +148,7 @@ function problemOf({ field, start, stop, count }, other, map) {
     const broken = outside(shownNumber({ factor }, end), bounds);
     if (broken) return { text: `Must be ${broken[0]} ${withUnit(broken[1], unit)}.`, parts: [part] };
   }
-  if (start > stop) return { text: "From must be below To.", parts: [0, 1] };
+  if (start > stop) return { text: "From must not be above To.", parts: [0, 1] };
   if (start === stop && count > 1) return { text: "The ends are the same.", parts: [0, 1] };
   const { most = 100 } = OPERATIONS[map.operation];
   const isCount = Number.isInteger(count) && count >= 1 && count <= most;

@@ -9,12 +9,13 @@ import { latest } from "./latest.js";
 import { reportRequest } from "./report.js";
 import { clipped, requestEnd } from "./run.js";
 import { inputField, takeUsual } from "./scatter.js";
-import { request } from "./service.js";
+import { isLost, request } from "./service.js";
 import { clearParts, markFresh, markStale } from "./stale.js";
 import { inUnits } from "./units.js";
 import { capital, degreesShown, describeAngle, digits, endingShown, lengthShown, quantityShown, statusShown, warningList, withInterval } from "./words.js";
 
 const REST_MS = 300; // pause without a change before the spread and the theories are computed, which takes hundreds of searches
+const MOST_WITHOUT = 0.1; // share of samples without a critical angle up to which the service names the range without "of the others"
 const STRENGTH = "resistance.strength_factor";
 const STRIP = { edge: 14, margin_deg: 4, row: 13, rows: 2 }; // lengths in px, the margin in °; `rows` is the least number of rows of labels
 
@@ -23,19 +24,21 @@ const STRIP = { edge: 14, margin_deg: 4, row: 13, rows: 2 }; // lengths in px, t
  *
  * Together they are the `sentence` of the service; until that arrives, `first` says how the strike ends, and that a wall is not judged yet.
  *
- * @param {{values: object, run: object, found: object, judged?: object}} known the answers to `/trajectory`, `/cra` and
- *   `/verdict` for a case; `judged` may be for another oblique angle, which does not change its range
+ * @param {{values: object, run: object, found: object, judged?: object, failure?: string}} known the answers to `/trajectory`, `/cra` and
+ *   `/verdict` for a case; `judged` may be for another oblique angle, which does not change its range; `failure` is the reason why
+ *   there is no answer to `/verdict`
  * @returns {{first: string, second: string, end: string, design: string, angle?: string, line: string}} `angle` is the critical angle as
  *   written in `second`, `end` says where the strike ends with the inputs as given, and `line` is a summary in one line
  */
-function verdictOf({ values, run, found, judged }) {
+function verdictOf({ values, run, found, judged, failure }) {
   const mine = `${clipped(values).impact.oblique_angle_deg}°`; // angle of the strike that is computed; if it was clipped, a warning says so
   const angle = found.critical_angle_deg && degreesShown(found.critical_angle_deg, decimalsOf(judged));
-  const range = judged?.range_text ? `, 90 % range ${judged.range_text}` : "";
+  const range = judged?.range_text ? `, ${rangeShown(judged)}` : "";
   const isJudged = judged?.oblique_angle_deg === values.impact.oblique_angle_deg;
   const probability = isJudged && judged.probability_text ? ` (${run.outcome === "ricochet" ? "" : "ricochet "}${judged.probability_text})` : "";
   const [ending, critical] = [endingShown(run), angle ? `critical angle ${angle}` : "no critical angle"];
-  const unjudged = values.target.thickness_m === undefined ? "" : "; the wall is not judged yet";
+  const subject = values.target.thickness_m === undefined ? "the strike" : "the wall";
+  const unjudged = failure ? `; ${subject} could not be judged: ${failure.replace(/\.$/, "")}` : subject === "the wall" ? "; the wall is not judged yet" : "";
   const pending = `At ${mine} from the normal, with the inputs as given: ${ending}${unjudged}. ${capital(critical)}${range}.`;
   const [strike, design = ""] = (isJudged ? judged.sentence : pending).split(/ (?=(?:Design|No design) value)/);
   const [first, ...others] = sentencesOf(strike);
@@ -54,13 +57,14 @@ export function showCard(root, { first, second, end = "", angle, line = "" }, ou
   const rest = after.length ? [before, element("strong.angle", {}, angle), after.join(angle)] : [before];
   const parts = [element("span.line", {}, line), element("strong", {}, first), " ", element("span.rest", {}, ...rest), " ", element("span.end", {}, end)];
   root.replaceChildren(element("p.outcome.figures", { "data-outcome": outcome }, ...parts));
+  showText(root.closest(".verdict").querySelector(".sticky"), line);
 }
 
-/** Return the section of a verdict, whose first part stays at the upper edge of the window. */
-export function verdictSection(...parts) {
-  const setHeight = () => document.documentElement.style.setProperty("--verdict", `${parts[0].offsetHeight}px`);
-  new ResizeObserver(setHeight).observe(parts[0]);
-  return element("section.verdict", { "aria-label": "Verdict" }, ...parts);
+/** Return the section of a verdict: its first part stays at the upper edge of the window or, if that is narrow, its summary in one line. */
+export function verdictSection(head, ...others) {
+  const setHeight = () => document.documentElement.style.setProperty("--verdict", `${head.offsetHeight}px`);
+  new ResizeObserver(setHeight).observe(head);
+  return element("section.verdict", { "aria-label": "Verdict" }, head, element("p.sticky", { "aria-hidden": "true" }), ...others);
 }
 
 /** The panel with the verdict. */
@@ -69,6 +73,7 @@ export class Verdict {
   #values;
   #run; // of the case at its oblique angle
   #judged; // the answer to `/verdict`, perhaps for another oblique angle
+  #failure; // the reason why there is no answer to `/verdict`
 
   /**
    * @param {{onError: (error: Error) => void, onAngle?: (found: object, values: object) => void, onJudged?: (judged: object) => void, hasRun?: boolean, isLine?: boolean}} options
@@ -99,13 +104,18 @@ export class Verdict {
   /** Show the verdict on a case. */
   setCase(values) {
     this.#values = values;
-    this.#run = undefined;
-    this.link.setAttribute("href", address("how-sure", caseQuery(values)));
-    this.own.setAttribute("href", address("explore", new URLSearchParams([...caseQuery(values), ["enter", "shots"]])));
+    this.#run = this.#failure = undefined;
+    this.linkTo(values);
     markStale(this.card, this.warnings, this.strip, this.design);
     this.updateJudged.cancel();
     if (!this.isOf(values)) markStale(this.spread, this.fit);
     this.updateAngle(values);
+  }
+
+  /** Let the links lead to other views of a case. */
+  linkTo(values) {
+    this.link.setAttribute("href", address("how-sure", caseQuery(values)));
+    this.own.setAttribute("href", address("explore", new URLSearchParams([...caseQuery(values), ["enter", "shots"]])));
   }
 
   /** Return whether the critical angle shown belongs to a case. */
@@ -168,8 +178,12 @@ export class Verdict {
 
   async #judge(values, signal) {
     const judge = async (given) => (await request("verdict", { body: inUnits(reportRequest(clipped(given))), signal })).data;
-    const data = await judge(values);
+    const data = await judge(values).catch((error) => {
+      if (!signal.aborted) this.#showFailure(error);
+      throw error;
+    });
     if (signal.aborted) return;
+    this.#failure = undefined;
     this.#judged = { ...data, oblique_angle_deg: values.impact.oblique_angle_deg };
     takeUsual(data.usual_scatter);
     this.onJudged(data);
@@ -181,6 +195,13 @@ export class Verdict {
     if (signal.aborted) return;
     this.#judged.before = before;
     this.#show();
+  }
+
+  /** Show why there is no verdict; unless its request will be repeated, the rest of what is shown is up to date. */
+  #showFailure(error) {
+    this.#failure = error.message;
+    this.#show();
+    if (!isLost(error)) markFresh(this.spread, this.warnings);
   }
 
   /**
@@ -197,7 +218,7 @@ export class Verdict {
   #show() {
     const [values, run] = [this.#values, this.#run];
     if (!run || !this.isOf(values)) return;
-    const verdict = verdictOf({ values, run, found: this.found, judged: this.#judged });
+    const verdict = verdictOf({ values, run, found: this.found, judged: this.#judged, failure: this.#failure });
     showCard(this.card, verdict, run.outcome);
     showText(this.design, verdict.design);
     this.fit.replaceChildren(...(this.#judged?.own_tests ? [changesOf(this.#judged)] : []));
@@ -205,10 +226,8 @@ export class Verdict {
     this.warnings.replaceChildren(...warningList(run.warnings, this.#warningsBeside(run)));
     // The strip must not show several critical angles for a law of the user's own, so there the theories appear only in the text.
     const theories = (this.#judged?.own_law ? [] : this.#judged?.theories ?? []).filter((each) => each.critical_angle_deg !== undefined);
-    const { lower_deg: lower, upper_deg: upper } = this.#judged?.range ?? {};
-    const range = lower === undefined ? [] : [lower, upper];
     const { oblique_angle_deg: mine } = values.impact;
-    this.strip.replaceChildren(stripOf(mine, this.found.critical_angle_deg, theories, range, this.strip.clientWidth, decimalsOf(this.#judged)));
+    this.strip.replaceChildren(stripOf(mine, this.found.critical_angle_deg, theories, this.#judged, this.strip.clientWidth));
     markFresh(this.card, this.strip, this.design, this.fit);
     // Until the verdict arrives, a warning may turn out to be a standing note.
     if (this.#judged?.oblique_angle_deg === mine) markFresh(this.warnings);
@@ -217,6 +236,14 @@ export class Verdict {
 
 /** Return the decimals of a critical angle, as in the sentences of a verdict: one more than its range has, or 1 without a range. */
 const decimalsOf = (judged) => judged?.range_text?.includes(".") ? 2 : 1;
+
+/** Return the name of the range, and whether it stands only for the samples with a critical angle, as in the sentences of a verdict. */
+const isOfOthers = ({ share_without_angle: without }) => without > MOST_WITHOUT;
+const rangeName = (judged) => `90 % range${isOfOthers(judged) ? " of the others" : ""}`;
+
+/** Return a range of a verdict with its name, after the share of the samples without a critical angle if it stands only for the others. */
+const rangeShown = (judged, text = judged.range_text) =>
+  `${isOfOthers(judged) ? `${percent(judged.share_without_angle)} of the samples without one, ` : ""}${rangeName(judged)} ${text}`;
 
 /** Describe in a sentence where a run ended. */
 function endOf({ outcome, final, exit, maximum_depth_m: depth }) {
@@ -236,16 +263,17 @@ function describeRange(judged) {
     return `${decays[name]} (weight ${weight}) ${angle === undefined ? "none" : degreesShown(angle, decimalsOf(judged))}`;
   });
   return [
-    `90 % range: usual scatter of ${inputs}; S scatters by ${percent(dispersion)}.`,
-    judged.own_law ? "It is for the law chosen." : "",
-    by.length ? `Theories: ${by.join(", ")}${range ? `, their 90 % range ${range.lower_deg.toFixed(1)}° to ${range.upper_deg.toFixed(1)}°` : ""}.` : "",
     without ? `${percent(without)} of the samples have no critical angle.` : "",
+    `${rangeName(judged)}: usual scatter of ${inputs}; S scatters by ${percent(dispersion)}.`,
+    judged.own_law ? "It is for the law chosen." : "",
+    by.length ? `Theories, each with its own S over the angle and with the other inputs at their medians: ${by.join(", ")}${range ? `, their 90 % range ${range.lower_deg.toFixed(1)}° to ${range.upper_deg.toFixed(1)}°` : ""}.` : "",
   ].filter(Boolean).join(" ");
 }
 
 /** Draw a strip of angles: the theories as strokes, the 90 % range as a band and the angle of the case as a pointer, each with a label. */
-function stripOf(mine, critical, theories, range, width, decimals) {
-  const shown = (angle) => degreesShown(angle, decimals);
+function stripOf(mine, critical, theories, judged, width) {
+  const shown = (angle) => degreesShown(angle, decimalsOf(judged));
+  const range = judged?.range ? [judged.range.lower_deg, judged.range.upper_deg] : [];
   const ends = theories.map((each) => each.critical_angle_deg).sort((a, b) => a - b);
   const all = [mine, critical, ...ends, ...range].filter((angle) => angle !== undefined);
   const least = Math.max(Math.floor((Math.min(...all) - STRIP.margin_deg) / 5) * 5, 0);
@@ -258,19 +286,22 @@ function stripOf(mine, critical, theories, range, width, decimals) {
     `Your angle ${mine}°`,
     critical === undefined ? "no critical angle" : `critical angle ${shown(critical)}`,
     ends.length ? `theories ${[ends[0], ends.at(-1)].map(shown).join(" to ")}` : "",
-    range.length ? `90 % range ${range.map((angle) => `${angle.toFixed(1)}°`).join(" to ")}` : "",
+    range.length ? rangeShown(judged, range.map((angle) => `${angle.toFixed(1)}°`).join(" to ")) : "",
   ];
   const decays = names.choices["resistance.free_surface.model"];
   const isCritical = (each) => shown(each.critical_angle_deg) === (critical !== undefined && shown(critical));
   const marks = [
     { angle: mine, name: "mine", text: `your angle ${mine}°` },
     { angle: critical, name: "critical", text: ["critical angle", ...theories.filter(isCritical).map((each) => decays[each.free_surface])].join(", ") },
-    ...theories.filter((each) => !isCritical(each)).map((each) => ({ angle: each.critical_angle_deg, name: "theory", text: `${decays[each.free_surface]} ${shown(each.critical_angle_deg)}` })),
-    { angle: range[1], name: "band", text: "90 % range" },
+    ...theories.filter((each) => !isCritical(each)).map((each) => ({ angle: each.critical_angle_deg, name: "theory", text: `${decays[each.free_surface]} with its S ${shown(each.critical_angle_deg)}` })),
+    { angle: range[1], name: "band", text: judged && rangeName(judged) },
   ].filter(({ angle }) => angle !== undefined);
   const pen = document.createElement("canvas").getContext("2d");
-  pen.font = `600 11px ${getComputedStyle(document.body).fontFamily}`; // the font of the widest labels
-  const rows = inRows(marks.map(({ angle, text }) => ({ x: at(angle), length: pen.measureText(text).width })), size);
+  const widthOf = ({ name, text }) => {
+    pen.font = `${name === "mine" ? 600 : 400} 11px ${getComputedStyle(document.body).fontFamily}`;
+    return pen.measureText(text).width;
+  };
+  const rows = inRows(marks.map((mark) => ({ x: at(mark.angle), length: widthOf(mark) })), size);
   const top = STRIP.row * Math.max(STRIP.rows, ...rows.map(({ row }) => row + 1)); // the lower end of the labels
   const stroke = ({ angle, name }, begin, end) => svg("line", { class: name, x1: at(angle), x2: at(angle), y1: begin, y2: end });
   const band = range.length ? [svg("rect", { class: "band", x: at(range[0]), y: top + 10, width: Math.max(at(range[1]) - at(range[0]), 1), height: 14 })] : [];
@@ -316,7 +347,8 @@ function changesOf({ before, ...judged }) {
   const angleOf = ({ critical_angle_deg: angle, status }) => (angle === undefined ? statusShown(status) : degreesShown(angle, decimalsOf(judged)));
   const row = (head, textOf) => [head, ...[before, judged].map((each) => textOf(each) ?? "not known")];
   const rows = [["S at 0°", withInterval(tests.prior_median, ...tests.prior_spread, digits), withInterval(tests.median, ...tests.spread, digits)]];
-  if (before) rows.push(row("Critical angle", angleOf), row("90 % range", (each) => each.range_text), row(`Ricochet at ${mine}°`, (each) => each.probability_text));
+  const rangeOf = (each) => each.range_text && rangeShown(each).replace(/90 % range /, "");
+  if (before) rows.push(row("Critical angle", angleOf), row("90 % range", rangeOf), row(`Ricochet at ${mine}°`, (each) => each.probability_text));
   const heads = ["", "Published tests", `With ${tests.shots} depth test${tests.shots === 1 ? "" : "s"}`];
   return table("table", { heads, rows, isNamed: true, label: "What your own tests change" });
 }

@@ -2,13 +2,16 @@
 
 import { names } from "./contract.js";
 import { element } from "./elements.js";
-import { unitOf } from "./units.js";
+import { areUs, unitOf } from "./units.js";
 
 const STATUSES = {
   no_ricochet: "Nothing in the range searched is turned away: there is no critical angle.",
   always_ricochet: "Everything in the range searched is turned away: the critical angle lies below.",
   not_converged: "The search did not converge.",
 };
+
+/** Largest number of significant digits of a result in US units, as in the texts of the service. */
+const CONVERTED_DIGITS = 4;
 
 /** Smaller values are numerical noise and shown as 0: a tenth of the unit shown in SI. */
 const NOISE = { mm: 1e-4, "m/s": 0.1, "°": 0.1, MPa: 1e5 };
@@ -42,7 +45,7 @@ export const isNoise = (value, si) => Math.abs(value) < NOISE[si];
 export function numberShown(value, si, count = 3) {
   if (isNoise(value, si)) return "0";
   const shown = value / unitOf(si).factor;
-  return count > 3 ? grouped(Number(shown.toPrecision(count))) : digits(shown, count);
+  return count > 3 ? grouped(Number(shown.toPrecision(count))) : digits(areUs() ? Number(shown.toPrecision(CONVERTED_DIGITS)) : shown, count);
 }
 
 /** Format a length given in SI, in millimetres or inches. */

@@ -139,6 +139,7 @@ def page(strike: Assessed) -> str:
         probability=_probability_at(strike, study),
         probability_text="" if strike.verdict.probability is None else probability_text(strike.verdict.probability),
         quantiles=_quantiles(study),
+        range_name=strike.verdict.range_name,
         advice=strike.advice,
         scatter=_scatter(numbers, strike, study),
         problems={name: _problem(strike, name) for name in ("uncertainty", "formulas", "thickness", "judged")},

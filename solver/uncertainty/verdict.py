@@ -57,6 +57,9 @@ ENDINGS: Mapping[str, str] = {
 """Outcomes in words."""
 COUNTED: Mapping[int, str] = {1: "one", 3: "three"}
 """Numbers of shots in words."""
+# With a larger share, the 90 % range has less than 81 % of all samples.
+MOST_WITHOUT = 0.1
+"""Largest share of samples without a critical angle at which the range is called that of all samples. [1]"""
 # Shrinking the range by less than a tenth does not justify a test; the value is arbitrary.
 HARDLY_NARROWER = 0.9
 """Ratio of the expected width of the range to its present width, above which no more shots are advised. [1]"""
@@ -204,6 +207,11 @@ class Verdict:
         return "" if self.spread is None else _range_text(self.spread)
 
     @property
+    def range_name(self) -> str:
+        """Name of `spread` in texts; it stands only for some samples if many others have no critical angle."""
+        return "90 % range of the others" if self._is_of_others else "90 % range"
+
+    @property
     def sentence(self) -> str:
         """Verdict in words."""
         angle = "; ".join([self._angle(), *self._more()]) + "."
@@ -250,10 +258,10 @@ class Verdict:
         if self.own_law:
             text += " with the law chosen"
         share = f"{100.0 * self.share_without:.0f} % of the samples without one from {lower} to {upper}"
-        if self.spread is not None and self.share_without > 0.1:  # The range then has less than 81 % of all samples.
-            return f"{text}, {share}, 90 % range of the others {self.range_text}"
+        if self.spread is not None and self._is_of_others:
+            return f"{text}, {share}, {self.range_name} {self.range_text}"
         if self.spread is not None:
-            text += f", 90 % range {self.range_text}"
+            text += f", {self.range_name} {self.range_text}"
         elif self.reason_without_range:
             text += f", {self.reason_without_range}"
         return f"{text}, {share}" if self.share_without >= 0.005 else text  # a smaller share would appear as 0 %
@@ -271,6 +279,10 @@ class Verdict:
         if self.theory_spread is None:
             return "The range over the theories could not be computed." if self.theory_range_failed else ""
         return f"Over the theories: 90 % range {_range_text(self.theory_spread)}."
+
+    @property
+    def _is_of_others(self) -> bool:
+        return self.share_without > MOST_WITHOUT
 
     @property
     def _is_perforated_without_formulas(self) -> bool:

@@ -342,7 +342,7 @@ def test_invalid_axis_is_refused_at_its_field(page: Page) -> None:
     expect(start).to_have_attribute("aria-invalid", "true")
     expect(page.get_by_role("button", name="Run")).to_be_disabled()
     start.fill("500")
-    expect(page.get_by_text("From must be below To.")).to_be_visible()
+    expect(page.get_by_text("From must not be above To.")).to_be_visible()
     expect(page.get_by_role("button", name="Run")).to_be_disabled()
     start.fill("100")
     expect(page.get_by_role("button", name="Run")).to_be_enabled()

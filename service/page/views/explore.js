@@ -68,6 +68,7 @@ class Explore {
     this.follower = new ResizeObserver(() => this.run && this.drawSide());
     this.follower.observe(parts.side);
     for (const links of [parts.presets, this.verdict.own]) links.addEventListener("click", ({ target }) => this.keepPins(target));
+    this.verdict.linkTo(this.form.currentCase());
     if (query.has("enter")) this.form.enterShots();
     if (!this.form.isHeld) this.change(this.form.currentCase());
   }

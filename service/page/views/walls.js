@@ -41,10 +41,10 @@ export async function show(root, query) {
     if (signal.aborted) return;
     const [first, ...others] = sentencesOf(judged.sentence);
     const ends = isWall ? `The strike ends by this model: ${endingShown(judged)}.` : "Fill in the thickness of the target.";
-    showCard(parts.card, { first, second: [...others, ends].join(" ") });
+    showCard(parts.card, { first, second: [...others, ends].join(" "), line: first });
     const sentences = [thickness, speed].filter(Boolean).map(({ sentence }) => element("p", {}, sentence));
     parts.warnings.replaceChildren(...warningList(judged.warnings, thickness.warnings));
-    parts.thicknesses.replaceChildren(...sentences, tableOf(thickness, table, judged, target.compressive_strength_pa));
+    parts.thicknesses.replaceChildren(...sentences, tableOf(thickness, table, judged, target));
     markFresh(...shown);
   }, fail, { supersede: true });
   const refresh = (values) => {
@@ -68,8 +68,9 @@ export async function show(root, query) {
   return () => updateResults.stop();
 }
 
-function tableOf({ variants }, { formulas, scabbing_margin: scabbing, perforation_margin: perforation }, judged, strength_pa) {
+function tableOf({ variants }, { formulas, scabbing_margin: scabbing, perforation_margin: perforation }, judged, target) {
   const isNumber = (column) => column > 0 && column < COLUMNS.length - 1;
+  const { compressive_strength_pa: mean, characteristic_strength_pa: characteristic } = target;
   const models = Object.entries(MODELS).map(([variant, name]) => [name, bare(variants[variant], Math.ceil), "", "", ""]);
   const others = formulas.map((each) => [
     `${names.formulas[each.formula]}${each.verified ? "" : "\u00a0*"}`,
@@ -79,12 +80,13 @@ function tableOf({ variants }, { formulas, scabbing_margin: scabbing, perforatio
     rangeShown(each, judged),
   ]);
   const heads = COLUMNS.map((name, column) => (isNumber(column) ? `${name} [${unitOf("mm").unit}]` : name));
-  const caption = `By formula and by model, with the mean strength of ${quantityShown(strength_pa, "MPa", 6)}, without margins`;
+  const caption = `By formula and by model, with the mean strength of ${quantityShown(mean, "MPa", 6)}, without margins`;
   const rest = { caption, label: "Table of thicknesses", isNumber, classes: formulas.map((each) => (each.in_range ? undefined : "quiet")) };
   const note =
     "Limits are the least thickness that is not perforated and the least whose rear face sheds no concrete (scabbing); penetration is the depth in " +
     "thick concrete. Formulas have no angle: as is common practice, they take the normal component of the speed. DOE-STD-3014 requires " +
-    `${scabbing} times the scabbing and ${perforation} times the perforation limit in a design. * Constants from secondary sources.`;
+    `${scabbing} times the scabbing and ${perforation} times the perforation limit in a design. * Constants from secondary sources.` +
+    (characteristic === undefined ? "" : ` The design values of the wall are for the characteristic strength of ${quantityShown(characteristic, "MPa", 6)}.`);
   return element("div", {}, table("table.thicknesses", { heads, rows: [...others, ...models], ...rest }), element("p.quiet", {}, note));
 }
 
