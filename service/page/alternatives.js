@@ -9,8 +9,7 @@ import { inUnits } from "./units.js";
 import { degreesShown, outcomeShown, statusShown } from "./words.js";
 
 const NOTE =
-  "Each row has the inputs as given. The theories beside the verdict are other pairs: each decay with its own S over the angle (elastic-plastic with the S " +
-  "chosen, Mohr-Coulomb with that of finite elements), and the other inputs at their medians.";
+  "These are with the inputs as given. The theories beside the verdict are at the medians, and Mohr-Coulomb there has its own S over the angle, that of finite elements.";
 
 /** Return a collapsed section with the critical angle under other laws and, with `hasStrike`, the outcome of the strike. */
 export function lawsFold(onError, { hasStrike }) {

@@ -75,12 +75,10 @@ export function fillIn(input, value) {
 export function showProblem({ root, input, problem, described }, text) {
   problem.hidden = !text;
   showText(problem, text);
-  const ids = [described, text && problem.id].filter(Boolean).join(" ");
-  if (ids) input.setAttribute("aria-describedby", ids);
-  else input.removeAttribute("aria-describedby");
-  if (text) input.setAttribute("aria-invalid", "true");
-  else input.removeAttribute("aria-invalid");
-  if (text) open(root);
+  const set = (name, value) => (value ? input.setAttribute(name, value) : input.removeAttribute(name));
+  set("aria-describedby", [described, text && problem.id].filter(Boolean).join(" "));
+  set("aria-invalid", text && "true");
+  for (let group = text && root.closest("details"); group; group = group.parentElement.closest("details")) group.open = true;
   if (text && input.matches("textarea")) problem.scrollIntoView({ block: "nearest" }); // it is below a high box
 }
 
@@ -88,13 +86,6 @@ export function showProblem({ root, input, problem, described }, text) {
 function helpOf({ path, kind }, values) {
   const isTyped = kind === "number" || kind === "numbers" || kind === "shots";
   return isTyped ? nodeAt(path, values)?.description?.replaceAll(SI_UNIT, "").trim() : undefined;
-}
-
-function open(part) {
-  const group = part.closest("details");
-  if (!group) return;
-  group.open = true;
-  open(group.parentElement);
 }
 
 const INPUTS = {

@@ -1,9 +1,8 @@
 // Where a body lands after a ricochet: side view and plan of its flight over level ground.
 
-import { trajectoryRequest } from "./case.js";
 import { aboutRuns } from "./exports.js";
 import { colour, csvOf, draw, heading } from "./plots.js";
-import { clipped, requestStrike } from "./run.js";
+import { requestEnd } from "./run.js";
 import { unitOf } from "./units.js";
 import { digits, quantityShown } from "./words.js";
 
@@ -14,8 +13,7 @@ const [HEIGHT_PX, PLAN_SHARE] = [480, 0.58]; // height of the picture, and the s
 /** Compute the flight after a ricochet from a face level with the ground; undefined if the run is not a ricochet. */
 export async function requestFlight(run, signal) {
   if (run.outcome !== "ricochet") return undefined;
-  const body = { ...trajectoryRequest(clipped(run.values)), flight: {}, output: { history: false } };
-  const { exit } = await requestStrike(body, signal);
+  const { exit } = await requestEnd(run.values, signal, { flight: {} });
   return exit.flight && { ...exit.flight, ...pathTo(exit), elevation: exit.elevation_deg, speed: exit.speed_m_s };
 }
 

@@ -34,9 +34,7 @@ export class JobRow {
     progress.append(element("div", {}, this.bar, this.counts));
     created.append(time(job.created));
     results.append(...downloadButtons(job.id, () => titleOf(this.job), onError));
-    if (mapNameOf(job)) {
-      actions.append(element("a", { href: `#/map?job=${job.id}`, "aria-label": `Open job ${id} as a map` }, "Map"));
-    }
+    if (mapNameOf(job)) actions.append(element("a", { href: `#/map?job=${job.id}`, "aria-label": `Open job ${id} as a map` }, "Map"));
     actions.append(this.cancel, act("Rename", onRename), act("Delete", onDelete));
     this.update(job);
   }

@@ -69,11 +69,9 @@ async function showOnceBack(turn, words, isModule) {
 function markCurrent(view) {
   document.title = `${VIEWS[view]} - ricochet`;
   for (const link of document.querySelectorAll("nav a")) {
-    if (readAddress(link.hash).view !== view) link.removeAttribute("aria-current");
-    else {
-      link.setAttribute("aria-current", "page");
-      link.scrollIntoView({ block: "nearest", inline: "nearest" }); // on a small phone the links may not all fit
-    }
+    const isCurrent = readAddress(link.hash).view === view;
+    link.ariaCurrent = isCurrent ? "page" : null;
+    if (isCurrent) link.scrollIntoView({ block: "nearest", inline: "nearest" }); // on a small phone the links may not all fit
   }
 }
 
@@ -84,9 +82,7 @@ async function showVersions() {
 
 function offerKey() {
   const form = document.getElementById("key");
-  keyNeeds.addEventListener("needed", () => {
-    form.hidden = false;
-  });
+  keyNeeds.addEventListener("needed", () => (form.hidden = false));
   form.addEventListener("submit", (event) => {
     event.preventDefault();
     useKey(document.getElementById("key-value").value);

@@ -48,9 +48,7 @@ export function buildCellChoice(root) {
   };
   const show = (map, axes, cells) => {
     const isOther = JSON.stringify(axes) !== JSON.stringify(shown?.axes); // otherwise the chosen cell stays
-    if (isOther) {
-      [across, up].forEach((select, i) => fill(select, labels[i], axes[i]));
-    }
+    if (isOther) [across, up].forEach((select, i) => fill(select, labels[i], axes[i]));
     shown = { map, axes, cells };
     showChosen();
   };

@@ -23,9 +23,8 @@ export function buildMapForm(root, map, onChange) {
     onChange(isRight ? current : undefined);
   };
   const operation = operationField(map.operation, (name) => {
-    if (name === "trajectory" || current.operation === "trajectory") {
-      [sides.x, sides.y].forEach((side, i) => side.lay(usualAxes(name, current.values)[i]));
-    }
+    const isOther = name === "trajectory" || current.operation === "trajectory"; // which has other usual axes
+    if (isOther) [sides.x, sides.y].forEach((side, i) => side.lay(usualAxes(name, current.values)[i]));
     current = { ...current, operation: name };
     change({ x: sides.x.offer(current), y: sides.y.offer(current) });
   });

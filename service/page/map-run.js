@@ -48,9 +48,8 @@ export async function followMap(map, { onProgress, onCells }, signal, known = []
   let job;
   const follow = async () => {
     for await (job of statesOf(map.job, signal)) {
-      if (mapNameOf(job) !== map.operation || job.counts.total !== cells.length) {
-        throw new Error("The job belongs to another map. Run this map.");
-      }
+      const isOther = mapNameOf(job) !== map.operation || job.counts.total !== cells.length;
+      if (isOther) throw new Error("The job belongs to another map. Run this map.");
       onProgress(job);
     }
   };

@@ -13,9 +13,7 @@ export function followPrinting() {
   };
   addEventListener("beforeprint", () => {
     theme = root.dataset.theme;
-    for (const svg of document.querySelectorAll(".drawing .main-svg")) {
-      svg.setAttribute("viewBox", `0 0 ${svg.getAttribute("width")} ${svg.getAttribute("height")}`);
-    }
+    for (const svg of document.querySelectorAll(".drawing .main-svg")) svg.setAttribute("viewBox", `0 0 ${svg.getAttribute("width")} ${svg.getAttribute("height")}`);
     paint("light");
   });
   addEventListener("afterprint", () => {

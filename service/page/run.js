@@ -44,16 +44,16 @@ export async function computeRun(values, signal) {
   return { ...run, warnings, path: pathOf(run.history, projectile), projectile, target, values };
 }
 
-/** Compute a strike without its history. */
-export function requestEnd(values, signal) {
-  return requestStrike({ ...trajectoryRequest(clipped(values)), output: { history: false } }, signal);
+/** Compute a strike without its history; `more` is added to the request. */
+export function requestEnd(values, signal, more = {}) {
+  return requestStrike({ ...trajectoryRequest(clipped(values)), ...more, output: { history: false } }, signal);
 }
 
 /**
  * Request a trajectory. If the sampling interval is refused as too short for the termination time, the service chooses one;
  * if the step limit is reached, the trajectory is computed up to there, and ends in motion.
  */
-export async function requestStrike(body, signal) {
+async function requestStrike(body, signal) {
   const send = async (given) => (await request("trajectory", { body: inUnits(given), signal })).data;
   try {
     return await send(body);

@@ -13,37 +13,24 @@ const RESIDUAL = fieldOf("number", "resistance.strength_residual");
 export const QUICK = { max_samples: 256, method: "direct", half_width: 0.5 };
 
 const MEAN = { name: "mean", label: "Mean", centre: true };
+const MEDIAN = { name: "median", label: "Median", centre: true };
+const MODE = { name: "mode", label: "Mode", centre: true };
 const SPREAD = [
   { name: "coefficient_of_variation", label: "Coefficient of variation", si: "%" },
   { name: "standard_deviation", label: "or standard deviation" },
 ];
 const ENDS = ["Lower", "Upper"].map((label) => ({ name: label.toLowerCase(), label }));
+const DISPERSION = { name: "dispersion", label: "Dispersion, of the logarithm", si: "" };
+const TAILS = [{ name: "scale", label: "Scale, of the logarithm", si: "" }, { name: "degrees_of_freedom", label: "Degrees of freedom", si: "" }];
 
 /** Distributions of a number with their parameters; the `centre` defaults to the value of the case. */
 export const DISTRIBUTIONS = {
   normal: { label: "Normal", parameters: [MEAN, ...SPREAD] },
   truncated_normal: { label: "Truncated normal", parameters: [MEAN, ...SPREAD, ...ENDS] },
-  lognormal: {
-    label: "Lognormal",
-    parameters: [
-      { name: "median", label: "Median", centre: true },
-      { name: "dispersion", label: "Dispersion, of the logarithm", si: "" },
-    ],
-  },
-  log_student_t: {
-    label: "Log Student t",
-    parameters: [
-      { name: "median", label: "Median", centre: true },
-      { name: "scale", label: "Scale, of the logarithm", si: "" },
-      { name: "degrees_of_freedom", label: "Degrees of freedom", si: "" },
-      ...ENDS,
-    ],
-  },
+  lognormal: { label: "Lognormal", parameters: [MEDIAN, DISPERSION] },
+  log_student_t: { label: "Log Student t", parameters: [MEDIAN, ...TAILS, ...ENDS] },
   uniform: { label: "Uniform", parameters: ENDS },
-  triangular: {
-    label: "Triangular",
-    parameters: [ENDS[0], { name: "mode", label: "Mode", centre: true }, ENDS[1]],
-  },
+  triangular: { label: "Triangular", parameters: [ENDS[0], MODE, ENDS[1]] },
 };
 
 /** Notes on how much fields usually scatter. */
@@ -115,9 +102,7 @@ function inputOf({ type, values, weights, ...given }) {
  */
 export function parametersOf({ field, type }) {
   const own = inputField(field);
-  if (type === "discrete") {
-    return Object.entries(own.choices).map(([name, label]) => ({ name, label, si: "weight" }));
-  }
+  if (type === "discrete") return Object.entries(own.choices).map(([name, label]) => ({ name, label, si: "weight" }));
   return DISTRIBUTIONS[type].parameters.map((each) => ({ si: own.si, ...each }));
 }
 

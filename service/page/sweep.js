@@ -86,7 +86,8 @@ export function mapOfJob({ id, request, ...job }) {
 
 /** Return the query that describes a map. */
 export function mapQuery({ values, operation, x, y, job }) {
-  const query = new URLSearchParams({ operation, x: writeAxis(x), y: writeAxis(y) });
+  const written = ({ field, start, stop, count }) => [field, start, stop, count].join(",");
+  const query = new URLSearchParams({ operation, x: written(x), y: written(y) });
   if (job) query.set("job", job);
   for (const [path, value] of caseQuery(values)) query.set(path, value);
   return query;
@@ -142,8 +143,4 @@ export function readAxis(text) {
   const [start, stop, count] = rest.map(Number);
   const isRight = fieldAt(field)?.kind === "number" && Number.isInteger(count) && count >= 1 && count <= MOST_READ;
   return isRight && Number.isFinite(start) && Number.isFinite(stop) ? { field, start, stop, count } : undefined;
-}
-
-function writeAxis({ field, start, stop, count }) {
-  return [field, start, stop, count].join(",");
 }

@@ -9,7 +9,7 @@ import { latest } from "./latest.js";
 import { reportRequest } from "./report.js";
 import { clipped, requestEnd } from "./run.js";
 import { inputField, takeUsual } from "./scatter.js";
-import { isLost, request } from "./service.js";
+import { request } from "./service.js";
 import { clearParts, markFresh, markStale } from "./stale.js";
 import { inUnits } from "./units.js";
 import { capital, degreesShown, describeAngle, digits, endingShown, lengthShown, quantityShown, statusShown, warningList, withInterval } from "./words.js";
@@ -149,9 +149,7 @@ export class Verdict {
 
   /** Fix the current height, or release it, so that a picture below does not move under a pointer that drags in it. */
   keepHeight(isKept) {
-    for (const part of this.parts) {
-      Object.assign(part.style, isKept ? { height: `${part.offsetHeight}px`, overflow: "clip" } : { height: "", overflow: "" });
-    }
+    for (const part of this.parts) Object.assign(part.style, isKept ? { height: `${part.offsetHeight}px`, overflow: "clip" } : { height: "", overflow: "" });
   }
 
   stop() {
@@ -179,7 +177,9 @@ export class Verdict {
   async #judge(values, signal) {
     const judge = async (given) => (await request("verdict", { body: inUnits(reportRequest(clipped(given))), signal })).data;
     const data = await judge(values).catch((error) => {
-      if (!signal.aborted) this.#showFailure(error);
+      if (signal.aborted) throw error;
+      this.#failure = error.message;
+      this.#show();
       throw error;
     });
     if (signal.aborted) return;
@@ -187,7 +187,6 @@ export class Verdict {
     this.#judged = { ...data, oblique_angle_deg: values.impact.oblique_angle_deg };
     takeUsual(data.usual_scatter);
     this.onJudged(data);
-    markFresh(this.spread);
     this.#show();
     const law = valueAt(values, STRENGTH);
     if (!law?.shots) return;
@@ -195,13 +194,6 @@ export class Verdict {
     if (signal.aborted) return;
     this.#judged.before = before;
     this.#show();
-  }
-
-  /** Show why there is no verdict; unless its request will be repeated, the rest of what is shown is up to date. */
-  #showFailure(error) {
-    this.#failure = error.message;
-    this.#show();
-    if (!isLost(error)) markFresh(this.spread, this.warnings);
   }
 
   /**
@@ -230,7 +222,7 @@ export class Verdict {
     this.strip.replaceChildren(stripOf(mine, this.found.critical_angle_deg, theories, this.#judged, this.strip.clientWidth));
     markFresh(this.card, this.strip, this.design, this.fit);
     // Until the verdict arrives, a warning may turn out to be a standing note.
-    if (this.#judged?.oblique_angle_deg === mine) markFresh(this.warnings);
+    if (this.#judged?.oblique_angle_deg === mine || this.#failure) markFresh(this.warnings, this.spread);
   }
 }
 

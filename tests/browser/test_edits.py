@@ -298,6 +298,15 @@ def test_link_beside_the_range_opens_the_place_of_own_shots(page: Page, view: st
     expect(shots).to_have_value("250, 310")
 
 
+def test_address_of_the_place_of_own_shots_has_links_and_says_what_is_missing(page: Page) -> None:
+    page.goto("/#/explore?impact.velocity_m_s=250&enter=shots")
+    expect(page.get_by_label("Shots: speed, depth")).to_be_focused()
+    expect(page.locator("#status")).to_have_text("Shots: speed, depth: none yet.")
+    for name in ("Enter own shots", "How sure, input by input"):
+        link = page.locator(".verdict a", has_text=name)
+        expect(link).to_have_attribute("href", re.compile("velocity_m_s=250"))
+
+
 def test_list_of_shots_begins_empty_and_names_an_invalid_line(page: Page) -> None:
     open_explore(page)
     sent: list[str] = []

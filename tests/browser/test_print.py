@@ -64,6 +64,17 @@ def test_view_prints_black_on_white_without_controls(new_page: NewPage, view: st
     } == {(595, 842)}
 
 
+@pytest.mark.parametrize("view", ["explore", "critical-angle", "how-sure", "walls"])
+def test_verdict_comes_before_the_inputs_on_paper(page: Page, view: str) -> None:
+    page.goto(f"/#/{view}")
+    expect(page.locator(".outcome")).to_contain_text("from the normal")
+    page.set_viewport_size(SHEET)
+    page.emulate_media(media="print")
+    tops = "all => all.map(each => each.getBoundingClientRect()).filter(({ height }) => height).map(({ top }) => top)"
+    verdict, forms = (page.locator(each).evaluate_all(tops) for each in (".verdict > *", "form .field, form.panel"))
+    assert max(verdict) < min(forms)
+
+
 @pytest.mark.parametrize("view", FILLED)
 def test_printed_sheets_are_dark_on_white_within_their_margins(
     new_page: NewPage, client: httpx.Client, tmp_path: Path, view: str

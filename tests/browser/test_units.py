@@ -53,6 +53,18 @@ def test_verdict_on_a_strike_uses_the_units_shown(page: Page) -> None:
     assert SI.findall(page.get_by_role("region", name="Verdict").inner_text()) == []
 
 
+def test_results_have_no_more_digits_than_the_texts_of_the_service(page: Page) -> None:
+    page.goto("/#/explore?enter=shots&units=us")
+    example = page.get_by_label("Shots: speed, depth").get_attribute("placeholder")
+    assert example == "none yet, as in\n820 ft/s, 12.2 in\n984 ft/s, 16.5 in"
+    page.goto("/#/explore?units=us")
+    mark = page.locator(".side-view text.mark", has_text="bends most")
+    expect(mark).to_be_visible()
+    shown = mark.text_content() or ""
+    warning = page.locator(".warnings li[data-code=bends]").text_content() or ""
+    assert warning.startswith(f"Its surface yields in bending: {shown.removeprefix('bends most: ')},"), (shown, warning)
+
+
 def test_default_in_an_empty_field_uses_the_units_shown(page: Page) -> None:
     page.goto("/#/explore")
     field = page.get_by_label("Yield strength of the body")

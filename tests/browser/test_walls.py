@@ -60,6 +60,16 @@ def test_verdict_on_a_thickness_is_the_sentence_of_the_service(
         assert page.get_by_text(f"{value} mm").count() == 1, "each fact once"
 
 
+@pytest.mark.parametrize("characteristic", ["", "&target.characteristic_strength_pa=30e6"])
+def test_note_of_the_table_agrees_with_the_strength_of_the_verdict(page: Page, characteristic: str) -> None:
+    page.goto(f"/#/walls?target.thickness_m=0.3{characteristic}")
+    rows(page)
+    expect(page.locator("caption")).to_contain_text("with the mean strength of 39\N{NO-BREAK SPACE}MPa, without margins")
+    note = "The design values of the wall are for the characteristic strength of 30 MPa."
+    assert ("with the characteristic strength of 30 MPa" in text_of(page)) is bool(characteristic)
+    assert (note in text_of(page, "Thicknesses")) is bool(characteristic)
+
+
 def text_of(page: Page, region: str = "Verdict") -> str:
     """Return the text of a section with every line break and no-break space replaced by a blank."""
     return " ".join(page.get_by_role("region", name=region).inner_text().split())
