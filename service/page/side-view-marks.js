@@ -12,7 +12,7 @@ const THINNED = 20; // least number of outline points with which the hole uses o
 const ARC_POINTS = 16;
 const LEAST_DEG = 0.05; // smaller angles of attack have no mark of their own
 /** Distances of marks from the point of contact, and lengths of the arrows `exit` and `force`, in projectile lengths. */
-const RADII = { theta: 0.6, delta: 0.82, phi: 0.42, normal: 0.95, critical: 1.12, criticalBeside: 0.68, exit: 0.3, force: 0.45 };
+const RADII = { theta: 0.6, delta: 0.82, phi: 0.42, normal: 0.95, critical: 1.12, exit: 0.3, force: 0.45 };
 
 /** Return the concrete that the projectile passed through, as polygons separated by `null`. */
 export function hole({ path, projectile, target }) {
@@ -57,16 +57,16 @@ export function arcMarks({ values, history, projectile: { length_m: length } }, 
   ];
 }
 
-/** Return a line at the critical angle, with its label at the outer end, away from the projectile, or beside the normal in a narrow picture. */
+/** Return a line at the critical angle, with its label at the outer end, away from the projectile or, in a narrow picture, above it. */
 export function criticalMark({ values, projectile: { length_m: length } }, critical, isNarrow) {
   if (critical === undefined) return [];
   const color = colour("path");
   const end = from(critical, RADII.critical * length);
-  const away = critical > values.impact.oblique_angle_deg ? "left" : "above";
+  const side = critical > values.impact.oblique_angle_deg && !isNarrow ? "left" : "above";
   const text = `critical ${degreesShown(critical, 1)}`;
   return [
     line([from(critical, 0.12 * length), end], { class: "critical", stroke: color, "stroke-width": 1.5, "stroke-dasharray": "6 3 1 3" }),
-    isNarrow ? { at: besideNormal(RADII.criticalBeside * length), text, color } : { at: end, text, side: away, color },
+    { at: end, text, side, color },
   ];
 }
 

@@ -66,8 +66,8 @@ def test_view_prints_black_on_white_without_controls(new_page: NewPage, view: st
 
 @pytest.mark.parametrize("view", ["explore", "critical-angle", "how-sure", "walls"])
 def test_verdict_comes_before_the_inputs_on_paper(page: Page, view: str) -> None:
-    page.goto(f"/#/{view}")
-    expect(page.locator(".outcome")).to_contain_text("from the normal")
+    page.goto(f"/#/{view}?target.thickness_m=0.3")
+    expect(page.locator(".verdict .outcome")).to_contain_text("from the normal")
     page.set_viewport_size(SHEET)
     page.emulate_media(media="print")
     tops = "all => all.map(each => each.getBoundingClientRect()).filter(({ height }) => height).map(({ top }) => top)"

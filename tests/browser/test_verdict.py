@@ -112,9 +112,7 @@ def test_range_of_some_samples_is_named_so_everywhere(page: Page) -> None:
 
 @pytest.mark.parametrize("status", [500, 503])
 @pytest.mark.parametrize(("case", "subject"), [("", "the strike"), (WALL, "the wall")])
-def test_verdict_that_failed_says_why(
-    page: Page, faults: list[str], status: int, case: str, subject: str
-) -> None:
+def test_verdict_that_failed_says_why(page: Page, faults: list[str], status: int, case: str, subject: str) -> None:
     problem = {"title": "No verdict", "status": status, "detail": "The disk of the service is full."}
     page.route("**/verdict", lambda route: route.fulfill(status=status, json=problem))
     page.goto(f"/#/explore?{case}")

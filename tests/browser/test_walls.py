@@ -64,7 +64,9 @@ def test_verdict_on_a_thickness_is_the_sentence_of_the_service(
 def test_note_of_the_table_agrees_with_the_strength_of_the_verdict(page: Page, characteristic: str) -> None:
     page.goto(f"/#/walls?target.thickness_m=0.3{characteristic}")
     rows(page)
-    expect(page.locator("caption")).to_contain_text("with the mean strength of 39\N{NO-BREAK SPACE}MPa, without margins")
+    expect(page.locator("caption")).to_contain_text(
+        "with the mean strength of 39\N{NO-BREAK SPACE}MPa, without margins"
+    )
     note = "The design values of the wall are for the characteristic strength of 30 MPa."
     assert ("with the characteristic strength of 30 MPa" in text_of(page)) is bool(characteristic)
     assert (note in text_of(page, "Thicknesses")) is bool(characteristic)

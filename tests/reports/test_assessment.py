@@ -196,6 +196,16 @@ def test_report_states_the_value_of_own_shots(report_of: Ask, answers_of: Ask) -
     assert "more shots into this concrete would hardly narrow it" in text_of(report_of(tested))
 
 
+def test_range_of_some_samples_is_named_as_in_the_verdict(client: httpx.Client, report_of: Ask) -> None:
+    body = JUDGED | {"search": JUDGED["search"] | {"upper_deg": 50.0}}
+    found = client.post("/verdict", json=body).json()
+    assert found["share_without_angle"] > 0.1
+    assert "90 % range of the others" in found["sentence"]
+    text = text_of(report_of(body)).replace("\N{NO-BREAK SPACE}", " ")
+    assert re.search(r"\(90 % range of the others, as \d+ ?% of the samples have no critical angle\)", text), text
+    assert "(90 % range)" not in text
+
+
 def test_own_shots_are_listed_with_their_effect_on_the_strength_factor(client: httpx.Client, report_of: Ask) -> None:
     shots = [{"velocity_m_s": 238.1, "depth_m": 0.30, "mass_kg": 12.923}, {"velocity_m_s": 275.7, "depth_m": 0.38}]
     body = JUDGED | {"resistance": {"strength_factor": {"model": "own_tests", "shots": shots}}}

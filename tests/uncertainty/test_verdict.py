@@ -424,6 +424,13 @@ def test_decimals_of_a_verdict_follow_its_range(changes: dict[str, Any], sentenc
     assert str(replace(SEEN, **changes)) == sentence
 
 
+@pytest.mark.parametrize(("share", "name"), [(0.1, "90 % range"), (0.11, "90 % range of the others")])
+def test_range_has_the_same_name_in_the_sentence(share: float, name: str) -> None:
+    found = replace(SEEN, share_without=share)
+    assert found.range_name == name
+    assert f"{name} {found.range_text}" in found.sentence
+
+
 @pytest.mark.parametrize(
     ("thickness", "answer"),
     [(0.3, "not enough against scabbing and perforation"), (0.6, "enough at this angle only"), (1.0, "enough")],
