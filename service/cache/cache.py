@@ -15,7 +15,7 @@ import time
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from cachetools import LRUCache
@@ -24,7 +24,7 @@ from service.cache.folder_lock import FolderLock
 from service.cache.index import Index, Journal, Location, Statistics, discard_database
 from service.cache.record import Record
 from service.cache.segments import DecodedSegment, Segment, Segments, digest_of, discard, encode_segments
-from service.errors import DamagedFileError, FolderLayoutError, FolderReplacedError, storage_reason
+from service.errors import DamagedFileError, FolderReplacedError, storage_reason
 from service.private_files import make_private_folder
 
 NOT_CACHED = "result_not_cached"
@@ -92,15 +92,15 @@ class ResultCache:
         self._lock: FolderLock | None = None
         with self._recording_errors():
             self._lock = FolderLock(folder)
-        try:
+        with ExitStack() as opened:
+            opened.callback(self._release)
             self._index = self._open_index()  # Raises FolderLayoutError before a folder of another version is changed.
+            opened.callback(self._index.close)
             self._segments.sweep()
             self.writable()
             self._reconcile()
             self._journal = self._open_journal()
-        except FolderLayoutError:
-            self._release()
-            raise
+            opened.pop_all()  # nothing failed, so the cache stays open
         self.found_results = bool(self._pending or self.statistics().cases)
         """True if there were results in the folder at the start."""
         self.flush()

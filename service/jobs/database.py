@@ -166,8 +166,9 @@ class Database:
 
     def close(self) -> None:
         """Close the file. It is opened again on the next use."""
-        with suppress(StorageError):
-            self.checkpoint()
+        if self._connections:  # A file that could not be opened is not tried again.
+            with suppress(StorageError):
+                self.checkpoint()
         for kind, lock in self._locks.items():
             with lock:
                 connection = self._connections.pop(kind, None)
