@@ -6,7 +6,14 @@ import pytest
 
 from service.workers.in_thread import InThreadExecutor
 from service.workers.process_pool import ProcessPool
+from tests.service import opened
 from tests.service.dask_cluster import DaskCluster, dask_cluster
+
+
+@pytest.fixture(autouse=True)
+def closed_stores() -> Iterator[None]:
+    yield
+    opened.close_all()
 
 
 @asynccontextmanager

@@ -32,6 +32,7 @@ from service.jobs.models import (
 )
 from service.jobs.store import JobStore
 from service.operations import result_key
+from tests.service.opened import closed_later
 from tests.service.questions import PROBLEM, Question
 from tests.service.records import full_disk
 from tests.service.squares import case
@@ -42,7 +43,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def store_in(folder: Path, job_days: float = 7.0) -> JobStore:
-    return JobStore(folder, job_days=job_days, operations={"square"})
+    return closed_later(JobStore(folder, job_days=job_days, operations={"square"}))
 
 
 def cases(count: int, first: int = 0) -> list[JobCase]:
@@ -58,9 +59,8 @@ def stored_job(store: JobStore, count: int = 450, owner: str = "local", token: I
 
 def test_disk_space_for_the_jobs_of_an_owner_is_limited(tmp_path: Path) -> None:
     """A new job deletes the jobs that ended first; if all are unfinished, it is refused."""
-    store = JobStore(
-        tmp_path, job_days=7.0, owner_bytes=100_000, operations={"square"}
-    )  # This is space for three jobs.
+    # The limit is space for three jobs.
+    store = closed_later(JobStore(tmp_path, job_days=7.0, owner_bytes=100_000, operations={"square"}))
     other = stored_job(store, owner="bert")
     first, second, third = (stored_job(store, owner="anna") for _ in range(3))
     for job in (other, second, first, third):

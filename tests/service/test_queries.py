@@ -24,6 +24,7 @@ from service.workers import Call, CallResult
 from service.workers.executor import Executor
 from service.workers.process_pool import ProcessPool
 from tests.faults.data_folder import keys_of, segments
+from tests.service.opened import closed_later
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(60)]
 
@@ -87,8 +88,12 @@ def service(pool: ProcessPool, tmp_path: Path) -> QueryService:
     return queries_on(tmp_path, pool)
 
 
+def cache_in(folder: Path) -> ResultCache:
+    return closed_later(ResultCache(folder / "data", memory_bytes=100_000_000, disk_bytes=10**9))
+
+
 def queries_on(folder: Path, pool: Executor, max_waiting: int = 1000) -> QueryService:
-    cache = ResultCache(folder / "data", memory_bytes=100_000_000, disk_bytes=10**9)
+    cache = cache_in(folder)
     return QueryService(cache, pool, OPERATIONS, max_waiting=max_waiting)
 
 
@@ -238,7 +243,7 @@ async def test_owner_with_the_most_waiting_queries_loses_one_to_another_owner(
 
 async def test_waiting_time_of_a_query_is_limited(pool: ProcessPool, tmp_path: Path) -> None:
     """The refusal states the time expected for the queued and running work, not a constant."""
-    cache = ResultCache(tmp_path / "data", memory_bytes=100_000_000, disk_bytes=10**9)
+    cache = cache_in(tmp_path)
     service = QueryService(cache, pool, OPERATIONS, queue_seconds=0.2)
     heavy = [replace(KeyedRequest.of("slower", Question(tmp_path, number)), work=5000) for number in range(2)]
     running = [asyncio.ensure_future(service.answer("slower", request)) for request in heavy]
@@ -254,7 +259,7 @@ async def test_retry_time_of_a_query_that_waited_in_vain_covers_the_queued_work(
     pool: ProcessPool, tmp_path: Path
 ) -> None:
     """The query waited for cheaper work of jobs, which its `retry_after` must include."""
-    cache = ResultCache(tmp_path / "data", memory_bytes=100_000_000, disk_bytes=10**9)
+    cache = cache_in(tmp_path)
     service = QueryService(cache, pool, OPERATIONS, queue_seconds=1.2)
     calls: list[Call] = [(time.sleep, (0.1,))] * 20
     chunks = [asyncio.ensure_future(pool.run(calls)) for _ in range(4)]
@@ -270,7 +275,7 @@ async def test_announced_wait_is_bounded_by_the_time_limits_of_queries(tmp_path:
     executor = ProcessPool(workers=2, task_seconds=4.0)
     await executor.start()
     try:
-        cache = ResultCache(tmp_path / "data", memory_bytes=100_000_000, disk_bytes=10**9)
+        cache = cache_in(tmp_path)
         service = QueryService(cache, executor, OPERATIONS, max_waiting=4)
         heavy = [replace(KeyedRequest.of("slow", Question(tmp_path, number)), work=12_000) for number in range(6)]
         running = [asyncio.ensure_future(service.answer("slow", request)) for request in heavy]
