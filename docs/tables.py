@@ -58,7 +58,7 @@ TABLES = {"settings": settings_table, "metrics": metrics_table}
 def default(name: str, field: FieldInfo) -> str:
     """Return the default of a setting as Markdown; a size in bytes is repeated in a larger unit."""
     if field.default_factory is not None:
-        return (field.default_factory.__doc__ or "").strip().rstrip(".").lower()
+        return (field.default_factory.__doc__ or "").strip().rstrip(".").lower().removeprefix("return the ")
     value = field.default
     if value is None:
         return "none"

@@ -118,7 +118,8 @@ MANY: Responses = {
         },
         "headers": {
             "Cache-Status": {
-                "description": "`ricochet; hit` if nothing had to be computed; absent for JSON lines (RFC 9211).",
+                "description": "`ricochet; hit` if nothing had to be computed; absent for JSON lines and for the "
+                "results of a job (RFC 9211).",
                 "schema": {"type": "string"},
             },
             **PREFERENCE_APPLIED,
