@@ -213,7 +213,7 @@ class Bound(NamedTuple):
     upper: float
     """Upper end of the range, in the coherent SI unit."""
     unit: str
-    """SI unit in which texts show the quantity, such as ``mm``; empty for a ratio."""
+    """SI unit in which messages and plots show the quantity, such as ``mm``; empty for a ratio."""
     name: str
     """Name of the coherent unit in error messages."""
     mistaken: tuple[tuple[str, float], ...] = ()

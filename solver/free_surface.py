@@ -41,8 +41,8 @@ class ElasticPlastic:
 
     Notes
     -----
-    Poisson's ratio comes from the target. The plastic zone of an infinite solid reaches
-    ``k = (E / (3 (1 - ν) f'c))^(1/3)``.
+    Poisson's ratio comes from the target. In an infinite solid the radius of the plastic zone is
+    ``k = (E / (3 (1 - ν) f'c))^(1/3)`` times that of the cavity.
     """
 
     name: ClassVar[str] = "elastic_plastic"

@@ -128,9 +128,9 @@ class Numerics:
         require(self.method in (None, "adaptive", "panels"), "numerics.method", "must be 'adaptive' or 'panels'")
         if self.termination_time is not None:
             require_positive("numerics.termination_time", self.termination_time)
-        # The lower bounds of stations and points are the values of the coarsest level of a search. The rings of a
-        # stretch with the most stations, 256, fit into a batch, see `ROOM` in `solver.surface_integration`. The other
-        # bounds are arbitrary, and far from the defaults.
+        # The lower bounds of stations and points are the values of the coarsest level of a search. At most 256 stations
+        # are allowed because the rings of a stretch must fit into a batch, see `ROOM` in `solver.surface_integration`.
+        # The other bounds are arbitrary, and far from the defaults.
         require_between("numerics.panels", self.panels, 100, 1_000_000)
         require_positive("numerics.time_step", self.time_step)
         if self.relative_tolerance is not None:

@@ -329,7 +329,7 @@ def _motion_at(run: Run, model: Model) -> Motion[float]:
 
 def _history(run: Run, steps: FloatArray, model: Model, sample_interval: float) -> Motion[FloatArray]:
     # The end of the run is appended as the last instant, and a sample that equals it up to rounding is dropped. The
-    # first factor makes `count` independent of such rounding.
+    # factor beside 1 makes `count` independent of such rounding.
     count = math.floor(run.time / sample_interval * (1.0 + 1e-12)) + 1
     if count > MOST_INSTANTS:
         most, found = map(whole_number, (MOST_INSTANTS, count))

@@ -274,6 +274,6 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
 
 
 async def start_executor(executor: Executor, stack: AsyncExitStack) -> None:
-    """Start the workers, and register their shutdown, which then happens even if a later step of the start fails."""
+    """Start the workers, and register their shutdown, so that it happens even if a later startup step fails."""
     await executor.start()
     stack.push_async_callback(executor.stop, POOL_SECONDS)

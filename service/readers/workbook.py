@@ -23,7 +23,7 @@ def is_workbook(path: str | Path) -> bool:
 def sheet_as_csv(path: str | Path) -> bytes:
     """Return the cells of the first sheet as CSV; a formula is replaced by the value that was saved with it.
 
-    Each row of the sheet becomes one line, so that the line in an error is the number of the row.
+    Each row of the sheet becomes one line, so that line numbers in error messages are row numbers.
 
     Raises
     ------

@@ -292,7 +292,7 @@ def _centre(
         value = value.get(part, {}) if isinstance(value, dict) else {}
     if isinstance(value, float | int) and not isinstance(value, bool):
         return value
-    # A field of an uncertain model need not exist in the model that the case has.
+    # If a model is itself uncertain, its fields may be missing in the model of the nominal case.
     chosen = any(each.field in MODELS and field.startswith(each.field.removesuffix("model")) for each in uncertain)
     if field != RESIDUAL and not chosen:
         try:

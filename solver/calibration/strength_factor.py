@@ -31,7 +31,7 @@ MOST_STEPS = 50
 """Largest number of evaluations of the residuals in a fit, not counting those for their derivatives."""
 # This tolerance is enough to compare local minima; the fit itself then starts from the deepest one.
 ROUGHLY = 1e-3
-"""Tolerance of ln S in the comparison of local minima. [ln]"""
+"""Tolerance on ln S with which local minima are found before the lowest is refined. [1]"""
 # The square of a far smaller slope underflows, and the normal equation would divide by zero.
 SMALLEST_SLOPE = 1e-30
 """Least absolute derivative with respect to ln S that one of the residuals must exceed for them to determine S."""

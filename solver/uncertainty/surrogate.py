@@ -31,8 +31,8 @@ class Shape(NamedTuple):
     wide: int = 0
     """Highest order of a product with only one input, if that spans a large factor; used if above `order`."""
     wide_with_one: int = 0
-    """Highest order in an input that spans a large factor, in products with the first order in one other input; used if
-    not below `order`."""
+    """Highest order of an input that spans a large factor in products with one other input of first order; used if it
+    is at least `order`."""
 
     def terms(self, inputs: int, wide: Sequence[int]) -> IntArray:
         """Return the (terms, inputs) orders, given the indices of the inputs that span a large factor."""

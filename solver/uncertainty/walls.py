@@ -386,7 +386,7 @@ def thickness_spread(
     numerics: Numerics | None = None,
     strength_scatter: ScatterSource = "law",
 ) -> PerforationSpread:
-    """Compute the variation of a least thickness with S, with a plug, and with a crater.
+    """Compute the range of a least thickness due to the scatter of S, and its values with a plug and with a crater.
 
     Arguments and errors are those of `least_thickness`; `strength_scatter` is that of `known_strength`.
     """
@@ -410,7 +410,7 @@ def limit_speed_spread(
     numerics: Numerics | None = None,
     strength_scatter: ScatterSource = "law",
 ) -> PerforationSpread:
-    """Compute the variation of a limit speed with S, with a plug, and with a crater.
+    """Compute the range of a limit speed due to the scatter of S, and its values with a plug and with a crater.
 
     Arguments and errors are those of `limit_velocity`; `strength_scatter` is that of `known_strength`.
     """
