@@ -285,7 +285,7 @@ function stripOf(mine, critical, theories, judged, width) {
   const marks = [
     { angle: mine, name: "mine", text: `your angle ${mine}°` },
     { angle: critical, name: "critical", text: ["critical angle", ...theories.filter(isCritical).map((each) => decays[each.free_surface])].join(", ") },
-    ...theories.filter((each) => !isCritical(each)).map((each) => ({ angle: each.critical_angle_deg, name: "theory", text: `${decays[each.free_surface]} with its S ${shown(each.critical_angle_deg)}` })),
+    ...theories.filter((each) => !isCritical(each)).map((each) => ({ angle: each.critical_angle_deg, name: "theory", text: `${decays[each.free_surface]} ${shown(each.critical_angle_deg)} with its S` })),
     { angle: range[1], name: "band", text: judged && rangeName(judged) },
   ].filter(({ angle }) => angle !== undefined);
   const pen = document.createElement("canvas").getContext("2d");

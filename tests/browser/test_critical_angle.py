@@ -120,7 +120,7 @@ def test_verdict_equals_the_verdict_of_the_service(page: Page, client: httpx.Cli
     for words in (
         "your angle 52°",
         "critical angle, elastic-plastic",
-        f"Mohr-Coulomb with its S {theories[1]:.1f}°",
+        f"Mohr-Coulomb {theories[1]:.1f}° with its S",
         "90 % range",
     ):
         expect(strip).to_contain_text(words)

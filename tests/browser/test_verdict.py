@@ -129,7 +129,7 @@ def test_verdict_that_failed_says_why(page: Page, faults: list[str], status: int
 
 def test_theory_is_told_apart_from_the_same_decay_with_the_chosen_strength_factor(page: Page) -> None:
     page.goto("/#/explore")
-    expect(judged(page).locator(".strip text.theory")).to_have_text(re.compile(r"^Mohr-Coulomb with its S [\d.]+°$"))
+    expect(judged(page).locator(".strip text.theory")).to_have_text(re.compile(r"^Mohr-Coulomb [\d.]+° with its S$"))
     page.get_by_text("Under other laws", exact=True).first.click()
     expect(page.locator(".laws-table")).to_contain_text("Mohr-Coulomb there has its own S over the angle")
 

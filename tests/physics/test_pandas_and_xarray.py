@@ -466,7 +466,7 @@ for name in {used}:
 MISSED = {
     "pandas": "to_dataframe() needs pandas: pip install pandas; columns() gives the same as arrays",
     "xarray": "a sweep needs xarray: pip install xarray; critical_angle_many and",
-    "matplotlib": "plot() needs matplotlib: pip install matplotlib; columns() gives what",
+    "matplotlib": "plot() needs matplotlib: pip install matplotlib; columns() returns the plotted data as arrays",
 }
 
 
