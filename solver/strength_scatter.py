@@ -63,7 +63,7 @@ class StrengthScatter:
     """
 
     dispersion: float
-    """Standard deviation of ln S at the stated strength. [ln]"""
+    """Standard deviation of ln S for concrete of a given strength. [1]"""
     strength: float
     """Standard deviation of the logarithm of the compressive strength. [ln]"""
     residual: float

@@ -1,4 +1,4 @@
-"""`ricochet report`: write a report of a strike on two pages, as HTML or PDF."""
+"""`ricochet report`: write a two-page report on a strike, as HTML or PDF."""
 
 import argparse
 import os

@@ -17,7 +17,7 @@ from solver.projectile import Projectile
 from solver.units import quantity, shown_unit, symbol
 
 SNAPSHOTS = 4
-"""Number of outlines of the projectile in the view of a run. An arbitrary choice: more would cover each other."""
+"""Number of outlines of the projectile in the view of a run. An arbitrary choice: more would overlap."""
 LEAST_WIDTH = 0.8
 """Smallest width of a view relative to the widest one [1], which leaves room for its title."""
 Frame: TypeAlias = tuple[float, float, float, float]

@@ -50,7 +50,7 @@ THEORY = "resistance.theory"
 """Field name of the theory of the decay. Its values are names of decay laws; each selects a decay law and the S(θ) that
 belongs to it."""
 # Each S(θ) is meant for one decay law: eq. 9 gives the paper's angle with elastic-plastic decay, and for Mohr-Coulomb
-# decay S(θ) was fitted to finite element motions.
+# decay S(θ) was fitted to motions computed with finite elements.
 PAIRED: Mapping[str, Callable[[StrengthFactor], StrengthFactor]] = {
     ElasticPlastic.name: lambda model: model,
     MohrCoulomb.name: shaped_as_finite_elements,

@@ -153,7 +153,7 @@ class Verdict:
     status: SearchStatus
     """Status of the search with the inputs as given."""
     angle: float | None
-    """Critical angle with the inputs as given; None without one. [rad]"""
+    """Critical angle with the inputs as given; None if there is none. [rad]"""
     searched: tuple[float, float]
     """Lower and upper end of the range of the search. [rad]"""
     spread: tuple[float, float] | None
