@@ -117,7 +117,7 @@ class ModelWarning(Part):
     detail: str
     """Text of the warning, for people."""
     standing: bool | MISSING = MISSING
-    """Present and true for a standing note: a warning that comes with most answers and hardly affects this one."""
+    """Present and true for a standing note: a warning that comes with most answers or hardly affects this one."""
     angle_shift_deg: Num | MISSING = MISSING
     """Change of the critical angle caused by the effect that the warning names, if it is computed. [°]"""
 
@@ -280,8 +280,8 @@ class Trajectory(Part):
     protrusion: Annotated[Protrusion | MISSING, columns_of(Protrusion, "protrusion_")] = MISSING
     """Protrusion from the rear face of a wall that is not perforated, if any part comes out."""
     bending: Annotated[Bending | MISSING, columns_of(Bending, "bending_")] = MISSING
-    """Bending stress. Absent if a given centre of gravity or moment of inertia differs from the value of the
-    homogeneous body."""
+    """Bending stress. Absent if a given centre of gravity differs from that of the homogeneous body by more than 0.5 %
+    of the length, or a given moment of inertia by more than 2 %."""
     strength_factor: Num
     strength_factor_dispersion: StrengthDispersion
     own_tests: OwnTestsAnswer | MISSING = MISSING

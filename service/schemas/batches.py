@@ -10,10 +10,11 @@ from service.schemas.requests import Case, TrajectoryFields, TrajectoryOutput
 from service.schemas.strike import PAPER_AT_45
 
 MOST_CASES = 1_000
-"""Largest number of cases in a JSON batch. It bounds the time for which parsing blocks other requests."""
+"""Largest number of cases in a JSON batch. It bounds the time for which parsing blocks other requests: a thousand cases
+take some milliseconds."""
 MOST_LINES = 100_000
 """Largest number of cases in a JSONL batch, and of points in a sweep. An arbitrary choice: this many critical angles
-are some twenty minutes of work on one core and 200 MB of JSON lines; larger numbers have not been measured."""
+are some ten minutes of work on one core and 40 MB of JSON lines; larger numbers have not been measured."""
 
 CustomId = Annotated[
     str,

@@ -73,8 +73,8 @@ class DepthTest(SolverPart[SolverTest]):
     weight: Annotated[Num, Field(ge=1e-6, le=1e6)] = 1.0
     """Relative weight of the squared residual. [1]"""
     group: Group | MISSING = MISSING
-    """Name of the group of the test. Each group gets its own strength factor, in addition to the strength factor for
-    all tests."""
+    """Name of the group of the test. Each group of two or more tests gets its own strength factor, in addition to the
+    strength factor for all tests."""
 
 
 class DepthCalibrationRequest(Calibration):
@@ -206,7 +206,7 @@ class DepthCalibrationAnswer(Part):
     root_mean_square_m: Annotated[Num, Field(ge=0.0), Of("root_mean_square"), NOT_TABLED]
     """Weighted root mean square of the residuals. [m]"""
     groups: Annotated[list[DepthGroup] | MISSING, GIVEN] = MISSING
-    """Strength factors of the groups, if the tests name groups."""
+    """Strength factors of the groups of two or more tests, if the tests name groups."""
     curves: Annotated[list[DepthCurve] | MISSING, GIVEN] = MISSING
     """Predicted depths for each of `compare_strength_factors`."""
     posterior: Posterior

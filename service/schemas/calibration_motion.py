@@ -123,6 +123,7 @@ AT_30: dict[str, Any] = {
 """Motion that the model predicts with a strength factor of 7.91."""
 STRIKE_AT_30 = STRIKE | {"oblique_angle_deg": 30.0}
 
+# The time has the bound of a termination time. The other bounds are arbitrary, far beyond any motion in a target.
 Time = Annotated[Num, Field(ge=0.0, le=1.0)]
 Displacement = Annotated[Num, Field(ge=-1000.0, le=1000.0)]
 Rotation = Annotated[Num, Field(ge=-36_000.0, le=36_000.0)]

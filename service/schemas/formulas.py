@@ -160,7 +160,7 @@ def formulas_answer(request: FormulasRequest) -> dict[str, Any]:
     Raises
     ------
     ParameterError
-        If the strike has no velocity along the normal.
+        If values contradict each other, or the strike has no velocity along the normal.
     """
     arguments = request.arguments()
     projectile, oblique = arguments["projectile"], arguments["impact"].oblique_angle != 0.0

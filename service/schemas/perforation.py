@@ -236,7 +236,7 @@ class LimitSpeedFields(PerforationCase):
         return case.shared_arguments() | case.impact.arguments()
 
     def formulas(self) -> list[FormulaResult]:
-        """Return the limit speeds of the empirical formulas; none for a strike along the face."""
+        """Return the limit speeds of the empirical formulas; none for a strike without a velocity along the normal."""
         arguments = self.arguments()
         strike = {name: arguments[name] for name in ("projectile", "target", "oblique_angle")}
         try:

@@ -73,7 +73,7 @@ class Of:
 
 
 class Part(BaseModel):
-    """Base class of all models: unknown fields are refused, and fields that are not given are absent.
+    """Base class of all models: unknown fields are refused, and an optional field without a default may be absent.
 
     An optional field that is null in a request counts as absent, since some generated clients send null for it.
 

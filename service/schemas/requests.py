@@ -209,7 +209,8 @@ class TrajectoryFields(Case):
         case = self.resolved()
         arguments = case.shared_arguments()
         impact = case.impact.to_solver()
-        # S is evaluated to refuse a polynomial that is not positive at this angle before the case reaches a worker.
+        # S is evaluated so that the check of a batch, which computes nothing, also refuses a polynomial that is not
+        # positive at this angle.
         solver.strength_factor(
             resistance=arguments["resistance"],
             oblique_angle=impact.oblique_angle,
@@ -334,12 +335,12 @@ def with_alternatives(answer: bytes, alternatives: list[dict[str, Any]]) -> byte
 
 
 class ReportedStrike(Strike):
-    """Motion at first contact, with an optional oblique angle to judge."""
+    """Motion at first contact, with an optional oblique angle."""
 
     model_config = with_examples(STRIKE, STRIKE | {"oblique_angle_deg": 45.0})
 
     oblique_angle_deg: ObliqueAngle | MISSING = MISSING
-    """Oblique angle of a strike to judge; the report shows its run and outcome. [°]"""
+    """Oblique angle at which the outcome is judged; the report also shows the run. [°]"""
 
 
 class ReportRequest(CriticalAngleRequest):
@@ -349,11 +350,11 @@ class ReportRequest(CriticalAngleRequest):
 
     impact: ReportedStrike
     flight: FlightInput | MISSING = MISSING
-    """Conditions of the flight of a body that ricochets at the angle to judge. By default the face is level."""
+    """Conditions of the flight of a body that ricochets at the oblique angle. By default the face is level."""
 
     @property
     def oblique_angle(self) -> float | None:
-        """Oblique angle to judge; None if the request has none. [rad]"""
+        """Oblique angle at which the outcome is judged; None if the request has none. [rad]"""
         angle = self.impact.oblique_angle_deg
         return None if angle is MISSING else math.radians(angle)
 

@@ -101,6 +101,7 @@ class SamplingSettings(SolverPart[Sampling]):
     none."""
 
 
+# The upper bound is `MOST_INPUTS` of the solver.
 Inputs = Annotated[list[UncertainInput], Field(min_length=1, max_length=24)]
 
 

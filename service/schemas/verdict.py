@@ -192,13 +192,14 @@ class VerdictAnswer(Part):
     `critical_angle_deg`. If the request has its own law, the range follows from that law."""
     held_angle_deg: Num | MISSING = MISSING
     """Critical angle with a strength factor that is constant from 55° on. Present if the strength factor of the request
-    is constant from 60° on and the critical angle is beyond 55°. `range` includes both angles. [°]"""
+    is constant from 60° on, the critical angle is beyond 55° and the method is `adaptive`. `range` includes both
+    angles. [°]"""
     share_without_angle: Annotated[Num, Field(ge=0.0, le=1.0)]
     """Share of samples without a critical angle in the range searched. [1]"""
     theories: list[TheoryAngle]
     own_law: Flag | MISSING = MISSING
-    """Present and true if the outcome, the probability and the range follow from a law of the request that is not one
-    of the theories."""
+    """Present and true if the request has a decay law other than `elastic_plastic`, or its own value or coefficients of
+    S. The probability and the range then follow from this law instead of the theories."""
     theory_range: LikelyAngles | MISSING = MISSING
     """90 % range that follows from the theories, in addition to `range`, which follows from the law of the request."""
     oblique_angle_deg: Num | MISSING = MISSING

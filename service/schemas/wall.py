@@ -177,7 +177,7 @@ def wall_in(request: Case, answer: Mapping[str, Any], oblique_angle: float) -> W
     request
         Request of the strike.
     oblique_angle
-        Oblique angle that was judged. [rad]
+        Oblique angle of the strike. [rad]
     """
     variants = answer["variants"]
     questions = {
