@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from service.cli.client import Content
 
 READ_SIZE = 256 * 1024
-"""Size of the pieces in which a file is read [bytes]. The service validates lines once it has received this many."""
+"""Size of the pieces in which a file is read [bytes]. A service validates lines in blocks of 200, or of this many bytes
+if the lines are long."""
 JSONL = "application/jsonl"
 TABLES = frozenset({".csv", ".tsv", ".xlsx"})
 """File extensions of tables of cases."""

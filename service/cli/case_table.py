@@ -65,8 +65,8 @@ NEEDED = frozenset(
 """Fields whose columns must not have empty cells: a gap is more likely a mistake than a request for the value in the
 `--case` file."""
 MAX_SHOWN = 40
-"""Largest number of characters of a header or a cell that are quoted in an error, about half a line. A header is also
-cut to this length before it is compared with the names of fields."""
+"""Largest number of characters of a header or a cell that are quoted in an error, about half a line. An
+unknown header is also cut to this length before a similar field is sought."""
 MAX_COLUMNS = 10
 """Largest number of columns named in one error, an arbitrary choice: a longer list would not be read."""
 
@@ -270,7 +270,6 @@ def _field_of(header: str, fields: Sequence[str]) -> tuple[str, float, str]:
 
 
 def _remove_field(body: dict[str, Any], steps: Sequence[str]) -> None:
-    """Remove a field from a request body if the body has it."""
     holder: Any = body
     for step in steps[:-1]:
         holder = holder.get(step) if isinstance(holder, dict) else None

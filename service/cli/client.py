@@ -53,7 +53,7 @@ once."""
 def connect(address: str, *, socket: str | None = None, **options: Any) -> Iterator["Client"]:
     """Open a client for the service at an address, or at the path of a Unix domain socket.
 
-    Its error messages do not quote those of httpx, which can contain secrets from headers and URLs.
+    Errors about an invalid address or proxy do not quote the messages of httpx, which may contain passwords.
 
     Raises
     ------
@@ -241,7 +241,6 @@ class Client:
         raise AssertionError("the last attempt returns or raises")
 
     def _unreachable(self, error: httpx.TransportError) -> CommandError:
-        """Return the error to raise if the service does not answer."""
         quotes = isinstance(error, httpx.LocalProtocolError)  # This error may quote the header with the key.
         reason = type(error).__name__ if quotes else reason_of(error) or type(error).__name__
         if not direct_transport(self._http.base_url, self._socket):

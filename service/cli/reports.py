@@ -115,7 +115,8 @@ def make_report(case: dict[str, Any]) -> str:
 
     Notes
     -----
-    Some 550 cases are computed. A progress bar is shown on standard error if that is a terminal.
+    Some 550 cases are computed, about twice as many if the case sets a decay law or S. A progress bar is shown on
+    standard error if that is a terminal.
 
     Examples
     --------

@@ -364,7 +364,7 @@ def print_warnings(warnings: Iterable[Mapping[str, Any]], *, verbose: bool) -> N
 
 
 def _apart(warnings: Iterable[Mapping[str, Any]]) -> tuple[list[Mapping[str, Any]], list[Mapping[str, Any]]]:
-    """Separate the warnings of this answer from the standing notes, which come with most answers."""
+    """Return the warnings that are not standing notes, and the standing notes."""
     found: tuple[list[Mapping[str, Any]], list[Mapping[str, Any]]] = ([], [])
     for warning in warnings:
         found[warning.get("standing", False)].append(warning)

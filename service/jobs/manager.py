@@ -114,7 +114,7 @@ class JobManager:
 
     @property
     def rate(self) -> float:
-        """Rate of completed cases over the last half minute. [1/s]"""
+        """Rate of completed cases over the last half minute of work. [1/s]"""
         return self._rate.per_second
 
     def jobs_ahead(self, state: JobState) -> int:

@@ -35,7 +35,7 @@ enough to be compressed well."""
 KEY_BYTES = 32
 """Length of the key of a result, a SHA-256 digest [bytes]."""
 FASTEST = 1
-"""Compression level of zlib. The slowest level would save no more than a tenth."""
+"""Compression level of zlib. The slowest level would save a tenth to a third, and take twice as long."""
 
 log = logging.getLogger(__name__)
 
@@ -51,7 +51,7 @@ class CaseState(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class JobCase:
-    """A validated case of a batch."""
+    """A validated case of a batch or a sweep, or a sample of a study."""
 
     request: KeyedRequest
     custom_id: str | None = None
@@ -134,7 +134,7 @@ class Idempotency:
     token
         Idempotency key chosen by the client.
     digest
-        Hash of path and body, or a function that returns it once the body has been read.
+        Hash of path, media type and body, or a function that returns it once the body has been read.
     """
 
     token: str
@@ -142,7 +142,7 @@ class Idempotency:
 
     @property
     def whole_digest(self) -> str:
-        """Hash of path and body. The whole body must have been read."""
+        """Hash of path, media type and body. The whole body must have been read."""
         return self.digest if isinstance(self.digest, str) else self.digest()
 
 
@@ -233,7 +233,7 @@ class CaseBlock:
     """Stored block of cases in order: keys, canonical requests and, if any case has one, the `custom_id` of each case.
 
     Keys are concatenated; requests are compressed lines of JSON, and ids a compressed list. Requests of a batch are
-    similar: compressed together, they take some 15 bytes per case instead of 800.
+    similar: compressed together, they take 12 to 30 bytes per case instead of 800.
     """
 
     keys: bytes

@@ -47,7 +47,7 @@ DAY = 86_400.0  # [s]
 VERSIONS = f"{ENGINE_VERSION} {SCHEMA_VERSION}"
 """Versions of solver and contract that are hashed into the keys of new jobs."""
 OWNER_BYTES = 2**30
-"""Default limit on the disk space for the jobs of one owner [bytes]. It holds some ten million cases."""
+"""Default limit on the disk space for the jobs of one owner [bytes]. It holds ten to twenty million cases."""
 JOB_BYTES = 10_000
 """Size charged for a job in addition to its cases [bytes]. It is more than a job takes, so an owner has at most some
 100,000 jobs."""

@@ -106,7 +106,7 @@ def read_depth_tests(
     Raises
     ------
     FileError
-        If the file is not a valid table of tests; the error names the line.
+        If the file is not a valid table of two tests or more; the error names the line.
     """
     quantities = (*TEST_NUMBERS, GROUP) if grouped else TEST_NUMBERS
     readings, text = read_columns(read_table(path), quantities, columns or {}, units or {})

@@ -215,7 +215,7 @@ def _target_strength(strike: Assessed, kind: Literal["compressive", "characteris
 
 
 def _governed(wall: Mapping[str, Any] | None) -> dict[str, str]:
-    """Return the design values that a formula gives in words, by its name."""
+    """Return, in words, which design values each formula gives, by the name of the formula."""
     if wall is None:
         return {}
     scabbing, perforation = (wall[name].get("formula", "") for name in ("scabbing", "perforation"))
@@ -306,7 +306,6 @@ def _formula_rows(answer: Mapping[str, Any] | None) -> list[tuple[int, Mapping[s
 
 
 def _limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
-    """Return the limits of validity with the values of the case."""
     impact, target = strike.case["impact"], strike.case["target"]
     speed, strength = impact["velocity_m_s"], target["compressive_strength_pa"]
     lowest, highest = TESTED_STRENGTH
@@ -336,12 +335,11 @@ def _limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
 
 
 def _no_limits(_: Numbers, __: Assessed) -> list[Limit]:
-    """Return an empty list, for laws that add no limits to those that `_limits` lists for all laws."""
+    """Return no limits, for laws that add none to those that `_limits` lists for all laws."""
     return []
 
 
 def _polynomial_limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
-    """Return the limits of a polynomial in the oblique angle."""
     found, search = [], strike.answers["cra"]
     codes = {warning["code"] for warning in search["warnings"]}
     if tuple(strike.case["resistance"]["strength_factor"]["coefficients"]) == EQUATION_9_COEFFICIENTS:
@@ -367,7 +365,6 @@ def _polynomial_limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
 
 
 def _published_tests_limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
-    """Return the limits of the published tests."""
     codes = {warning["code"] for warning in strike.answers["cra"]["warnings"]}
     tested = (
         interval(*PublishedTests.compressive_strengths, "MPa"),

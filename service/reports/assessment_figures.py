@@ -198,7 +198,7 @@ def curves(
     uncertainty
         Answer of the uncertainty study; None if there is none.
     speed, angle, judged
-        Speed of the case [m/s], its critical angle if there is one, and the angle to judge if given [°].
+        Speed of the case [m/s], its critical angle if there is one, and its oblique angle if it has one [°].
     """
     figure = Figure(figsize=(PAGE, 1.6), layout="constrained")
     grid = figure.add_gridspec(1, 2)

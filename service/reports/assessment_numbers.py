@@ -187,7 +187,6 @@ def _shown(numbers: Numbers, pointer: str, unit: str, *, digits: int = 12) -> An
 
 
 def _shot(shot: Mapping[str, float]) -> str:
-    """Return the given fields of a shot as text."""
     given = [(shot[name], shown_in(name)) for name in SHOT if name in shot]
     return ", ".join(with_symbol(number(value, unit, 6, converted_digits=INPUT_DIGITS), unit) for value, unit in given)
 
