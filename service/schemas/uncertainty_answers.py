@@ -108,7 +108,7 @@ class CriticalAngleDistribution(Part):
     quantiles: Annotated[list[QuantileAnswer], Of(lambda found: quantile_answers(found.quantiles, angle=True))]
     """Quantiles of the critical angle. [°]"""
     share_without_angle: Annotated[EstimateAnswer, Of("share_without")]
-    """Share of all samples that have no critical angle, including those that could not be computed. [1]"""
+    """Share of all samples without a critical angle. It includes `samples_failed` and `samples_outside`. [1]"""
 
 
 InputValue = TypeAliasType("InputValue", Annotated[Num | str, Field(description="A number, or the name of a model.")])
